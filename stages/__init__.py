@@ -1,0 +1,32 @@
+"""The paper, in the order of its data flow. Read this table first.
+
+::
+
+    ingest ─> midpoint ─> mixture ─> dynamics ─┐
+                  │           └───────────────>├─> rollout ─> evaluate
+                  └───────────────────────────>┘
+
+=========  ==============================================================  ============================================
+stage      what it does                                                    what it writes
+=========  ==============================================================  ============================================
+ingest     reads recorded demonstrations                                   demonstrations.parquet
+midpoint   one point's motion on a uniform clock, eq. (4)                  midpoints.parquet
+mixture    Gaussian mixture over position, eq. (5)                         mixture, assignments, sampler .parquet
+dynamics   stable dynamical system, eqs. (6)-(8), with a certificate       dynamics.parquet
+rollout    controllers x conditions x starts, eqs. (9)-(12)                rollouts.parquet
+evaluate   swept error area (26), dynamic time warping, recovery           metrics.parquet
+=========  ==============================================================  ============================================
+
+Each stage is a folder: ``stage.py`` signs the contract of `pipeline.stage`, ``parameters.py`` declares what can be set,
+and the other modules are the mathematics, arrays in and arrays out. `stages/artifacts` holds the tables between them,
+`stages/policy` what a robot runs, `stages/world` what it is run against, `stages/figures` what the report shows.
+"""
+
+STAGES = (
+    "stages.ingest.stage:STAGE",
+    "stages.midpoint.stage:STAGE",
+    "stages.mixture.stage:STAGE",
+    "stages.dynamics.stage:STAGE",
+    "stages.rollout.stage:STAGE",
+    "stages.evaluate.stage:STAGE",
+)

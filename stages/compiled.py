@@ -1,0 +1,20 @@
+"""The one decorator by which first-party functions are compiled to machine code.
+
+Not fast-math: sums keep their order, so the same input gives the same bytes. Which folder the compiled code is kept in
+is the engine's affair (`pipeline/compiled.py`): numba's own cache does not notice an edit in another module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` with numba, keep the machine code on disk; division by zero gives inf or nan as in numpy."""
+    return cast("Callable[P, R]", numba.njit(cache=True, error_model="numpy")(function))

@@ -1,0 +1,1 @@
+"""Recorded demonstrations in, one table of demonstrations out."""

@@ -1,0 +1,30 @@
+"""Parameters of the midpoint stage."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from annotated_types import Ge, Interval
+
+from pipeline.stage import NonNegative, parameters
+
+
+@parameters
+class MidpointParameters:
+    """How recordings become trajectories.
+
+    Attributes:
+        samples: samples of each trajectory on its uniform clock; none: as many as were recorded.
+        smoothing: width of the Savitzky-Golay window as a fraction of the duration, 0 to 0.5; 0: positions as recorded.
+        velocity_window: width of the differentiator's window as a fraction of the duration, at least 3 samples.
+        polynomial: degree of the local polynomials, 1 to 5.
+        goal: where the motion ends, metres; none: the mean end point of the training demonstrations.
+        goal_margin: how far outside the data's bounding box a given goal may lie, as a fraction of the box's diagonal.
+    """
+
+    samples: Annotated[int, Ge(10)] | None = None
+    smoothing: Annotated[float, Interval(ge=0, le=0.5)] = 0.0
+    velocity_window: Annotated[float, Interval(gt=0, le=0.5)] = 0.005
+    polynomial: Annotated[int, Interval(ge=1, le=5)] = 2
+    goal: tuple[float, ...] | None = None
+    goal_margin: NonNegative = 0.1
