@@ -1,0 +1,1 @@
+"""Stable dynamical systems learned from demonstrations: paper eqs. (6)-(8)."""

@@ -1,0 +1,1 @@
+"""Gaussian mixtures over position: paper eq. (5) and ref. [32]."""
