@@ -1,0 +1,77 @@
+"""The evaluate stage: metrics of each roll-out against the demonstration that it starts from. Paper eq. (26)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pipeline.stage import Port, Stage, StageContext
+from stages.evaluate.parameters import EvaluateParameters
+
+
+def run(context: StageContext) -> None:
+    """Compare every roll-out's executed path with its demonstration."""
+    from stages.artifacts.metrics import write_metrics
+    from stages.artifacts.midpoints import read_midpoints
+    from stages.artifacts.rollouts import read_rollouts
+    from stages.evaluate.compare import compare
+
+    references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
+    rollouts, goal = read_rollouts(context.inputs["rollouts"])
+    rows = []
+    for rollout in rollouts:
+        compared = compare(
+            time=rollout.time,
+            executed=rollout.p_hat,
+            gate=rollout.gate,
+            lyapunov=rollout.lyapunov,
+            displaced=rollout.displaced,
+            outcome=rollout.outcome,
+            reference=references[rollout.dataset, rollout.demo],
+            goal=goal,
+            samples=context.parameters.samples,
+        )
+        names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout")
+        rows.append({**{name: getattr(rollout, name) for name in names}, **asdict(compared)})
+    write_metrics(context.outputs["metrics"], rows)
+
+
+def rows(outputs: Mapping[str, Path]) -> list[dict[str, Any]]:
+    """Rows of metrics.parquet."""
+    from stages.artifacts.metrics import read_metrics
+
+    return read_metrics(outputs["metrics"])
+
+
+def summarise(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Means by controller, mode and condition."""
+    from stages.evaluate.summary import by_condition
+
+    return by_condition(rows)
+
+
+def headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
+    """Means by controller, mode and condition, under one name each."""
+    figures = {}
+    for group in summarise(rows(outputs)):
+        case = f"{group['controller']}/{group['mode']}/{group['condition']}"
+        for name in ("dtw_mm", "sea_mm2", "sea_per_step_mm2", "steps", "final_error_mm", "arrived"):
+            figures[f"{name} {case}"] = group[name]
+    return figures
+
+
+STAGE = Stage(
+    name="evaluate",
+    summary="swept error area (26), dynamic time warping, recovery",
+    parameters=EvaluateParameters,
+    inputs=("midpoints", "rollouts"),
+    outputs=(Port(name="metrics", filename="metrics.parquet"),),
+    run=run,
+    libraries=("numpy", "numba", "pyarrow"),
+    headline=headline,
+    rows=rows,
+    summarise=summarise,
+    warm="stages.warm:evaluate",
+)

@@ -1,0 +1,52 @@
+"""Means of metrics over roll-outs: by controller, mode and condition. Rows in, rows out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+MEANS = ("dtw_mm", "dtw_per_step_mm", "sea_mm2", "sea_per_step_mm2", "steps", "duration_s", "final_error_mm")
+
+
+def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One row for each controller, mode, avoidance and condition, in the order in which they appear.
+
+    Beside the means it counts the roll-outs, those that arrived, and those whose gate never closed although they were
+    displaced (null without a gate).
+    """
+    groups = group(rows, lambda row: (row["controller"], row["mode"], row["avoidance"], row["condition"]))
+    summary = []
+    for (controller, mode, avoidance, condition), members in groups.items():
+        coupled = controller != "lpvds" and condition != "none"
+        summary.append(
+            {
+                "controller": controller,
+                "mode": mode,
+                "avoidance": avoidance,
+                "condition": condition,
+                "rollouts": len(members),
+                "arrived": sum(row["outcome"] == "arrived" for row in members),
+                **{name: mean(row[name] for row in members) for name in MEANS},
+                "lyapunov_rise_max": max(row["lyapunov_rise_max"] for row in members),
+                "gate_never_closed": sum(row["gate_closed_steps"] == 0 for row in members) if coupled else None,
+                "recovery_s": mean(row["recovery_s"] for row in members),
+            }
+        )
+    return summary
+
+
+def group(
+    rows: Iterable[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], tuple[Any, ...]]
+) -> dict[tuple[Any, ...], list[Mapping[str, Any]]]:
+    """Rows by key, keys in the order in which they appear."""
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Exactly rounded mean of the values that are there; none where there is none."""
+    present: Sequence[float] = [value for value in values if value is not None]
+    return math.fsum(present) / len(present) if present else None

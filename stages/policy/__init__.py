@@ -1,0 +1,1 @@
+"""What a robot runs: the coupled system and, later, avoidance and compliance."""

@@ -1,0 +1,1 @@
+"""Policy x world x cases: the roll-outs of an experiment."""
