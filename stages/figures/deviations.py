@@ -1,0 +1,251 @@
+"""Where a run departs from the paper's print, and why: rows that follow from the experiment's parameters.
+
+Only what applies is listed. Parameters in, text out; marked as `pipeline.report.Paragraph` says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from stages.figures.numbers import MINUS, MM, given, joined, span
+from stages.policy.coupled import SPEED_ALLOWANCE, gate_for
+from stages.rollout.parameters import ClpvdsController, RolloutParameters
+
+PAPER_P_MAX = 10.0
+"""1/s, for eq. (10). Paper section III-B."""
+
+PAPER_K_C = 100.0
+"""1/m, for eq. (10). Paper section III-B."""
+
+PAPER_SPLIT = 3
+"""Demonstrations for training, of seven. Paper section III-A: "divided in a 3:4 ratio"."""
+
+P_HAT, X_DOT = "p\u0302", "x\u0307"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deviation:
+    """One row: where in the paper, what is printed, what runs here, why."""
+
+    where: str
+    printed: str
+    here: str
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolved:
+    """What one motion made of the parameters of its controllers.
+
+    Attributes:
+        top_speed: of the demonstrations, m/s.
+        couplings: label of each coupled controller -> `p_max` (1/s), `k_c` (1/m), `gate` (m), `v_max` (m/s).
+    """
+
+    top_speed: float
+    couplings: Mapping[str, Mapping[str, float]]
+
+
+def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> list[Deviation]:
+    """Rows that apply, in the order of the paper.
+
+    Arguments:
+        parameters: stage -> its validated parameters.
+        resolved: one of each motion; ranges over them are given where they differ.
+    """
+    return [
+        *_mixture(parameters["mixture"]),
+        *_integrator(parameters["rollout"]),
+        *_dynamics(parameters["dynamics"]),
+        *_coupling(parameters["rollout"], resolved),
+        *_disturbances(parameters["rollout"]),
+        *_data(parameters["ingest"]),
+        *_metrics(parameters["evaluate"]),
+    ]
+
+
+def _mixture(mixture: Any) -> list[Deviation]:
+    where = "(5), ref. [32]"
+    if mixture.kind == "pcgmm":
+        return [
+            Deviation(
+                where=where,
+                printed="PC-GMM; its sampler, prior and similarity are not printed",
+                here=f"Collapsed Gibbs sampling of links: {mixture.sweeps} sweeps over at most {mixture.points} points "
+                f"spread by arc length, the state of highest posterior, then at most {mixture.polish} steps of "
+                f"expectation maximisation on all points. Similarity width: {given(mixture.length_scale)} of the "
+                "data's rms radius. Prior: the full covariance of the data.",
+                why="A sweep costs the square of the number of points. Published codes disagree about the similarity, "
+                "and depend on the unit and on the axes; this one does not.",
+            )
+        ]
+    how = "K by the Bayesian information criterion" if mixture.components is None else f"K = {mixture.components}"
+    return [
+        Deviation(
+            where=where,
+            printed="PC-GMM, which finds K",
+            here=f"Plain expectation maximisation on positions, {how}.",
+            why=f"`mixture.kind = {mixture.kind}` was set.",
+        )
+    ]
+
+
+def _dynamics(dynamics: Any) -> list[Deviation]:
+    rows = []
+    if getattr(dynamics, "loss", "squared") == "squared":
+        rows.append(
+            Deviation(
+                where="(7)",
+                printed=f"Sum of |f(x) {MINUS} {X_DOT}|, not squared",
+                here="Sum of the squares.",
+                why="The text calls the program quadratic; squared, it needs one pass over the data.",
+            )
+        )
+    if dynamics.kind == "qlf":
+        row = Deviation(
+            where="(8)",
+            printed="A_{k} + A_{k}^{T} negative definite",
+            here=f"A_{{k}} + A_{{k}}^{{T}} at most {MINUS}{given(dynamics.margin)} 1/s, proved by a Cholesky "
+            "factorisation with a bound on its rounding.",
+            why="A solver cannot keep a strict inequality: asked for 0, it returns eigenvalues slightly above.",
+        )
+    else:
+        row = Deviation(
+            where="(8)",
+            printed=f"V = |x {MINUS} x_{{g}}|^{{2}}",
+            here=f"Another Lyapunov function: `dynamics.kind = {dynamics.kind}`.",
+            why="For many motions no system with the printed V comes near the demonstrations.",
+        )
+    return [*rows, row]
+
+
+def _coupling(rollout: RolloutParameters, resolved: Sequence[Resolved]) -> list[Deviation]:
+    rows = []
+    for controller in rollout.controllers:
+        if isinstance(controller, ClpvdsController):
+            mode = controller.mode or rollout.mode
+            found = [r.couplings[f"clpvds {mode}"] for r in resolved]
+            speeds = [r.top_speed for r in resolved]
+            rows.extend(_robust(found) if mode == "robust" else _paper(controller, found, speeds))
+    if rows:
+        rows.append(
+            Deviation(
+                where="(24), (25)",
+                printed="A proof of stability in continuous time",
+                here="The certificate of (8), the step of (6), and V along x checked in every step of every roll-out.",
+                why="The printed proof has a wrong sign in its second line, a strict inequality where equality occurs, "
+                "and drops a term that vanishes only where the gate is exact.",
+            )
+        )
+    return rows
+
+
+def _robust(found: Sequence[Mapping[str, float]]) -> list[Deviation]:
+    v_max = span([c["v_max"] * MM for c in found])
+    return [
+        Deviation(
+            where="(9), (10), robust",
+            printed=f"{P_HAT}\u0307 = C (x {MINUS} {P_HAT}), "
+            f"C = p_{{max}} (1 {MINUS} exp({MINUS}k_{{c}} |{P_HAT} {MINUS} x|))",
+            here=f"{P_HAT} moves towards x, at v_{{max}} = {v_max} mm/s at most, and onto x exactly where a step "
+            "reaches it. In each step x moves first.",
+            why=f"As printed, |{P_HAT} {MINUS} x| falls as 1/(p_{{max}} k_{{c}} t) and is never 0, so the exact gate "
+            "of (12) would never open again. With this follower the gate is exactly that of (12).",
+        )
+    ]
+
+
+def _paper(
+    controller: ClpvdsController, found: Sequence[Mapping[str, float]], top_speeds: Sequence[float]
+) -> list[Deviation]:
+    gate, double = span([c["gate"] * MM for c in found]), span([2 * c["gate"] * MM for c in found])
+    rows = [
+        Deviation(
+            where="(9), printed",
+            printed="A differential equation",
+            here="Carried on in sub-steps with C h at most 0.1.",
+            why="Explicit Euler overshoots where C dt exceeds 1.",
+        )
+    ]
+    if (controller.p_max, controller.k_c) != (PAPER_P_MAX, PAPER_K_C):
+        needed = [gate_for(PAPER_P_MAX, PAPER_K_C, SPEED_ALLOWANCE * speed) * MM for speed in top_speeds]
+        rows.append(
+            Deviation(
+                where="(10), printed",
+                printed="p_{max} = 10, k_{c} = 100 on the robot; p_{max} is called a speed",
+                here=f"p_{{max}} = {span([c['p_max'] for c in found])} 1/s, k_{{c}} = {given(controller.k_c)} 1/m. "
+                "C is a rate, 1/s.",
+                why=f"With the robot's values the gate would need a tolerance of {span(needed)} mm for {P_HAT} to keep "
+                f"up with these motions, and would close only beyond {span([2 * value for value in needed])} mm.",
+            )
+        )
+    rows.append(
+        Deviation(
+            where="(12), printed",
+            printed=f"x moves only where x = {P_HAT}",
+            here=f"x may start where |{P_HAT} {MINUS} x| is at most {gate} mm, and moves until it exceeds {double} mm.",
+            why=f"With equality x could not move: its first step makes it differ from {P_HAT}, which never reaches it.",
+        )
+    )
+    return rows
+
+
+def _integrator(rollout: RolloutParameters) -> list[Deviation]:
+    if rollout.integrator == "cayley":
+        here = f"Cayley step: (I {MINUS} h A/2) z^{{+}} = (I + h A/2) z, with A = A(z) and z = x {MINUS} x_{{g}}."
+        why = "V cannot rise in it, whatever the step; with explicit Euler it can."
+    else:
+        here, why = "Explicit Euler.", "`rollout.integrator = euler` was set; V can rise in a step."
+    printed = "Differential equations; no integrator is named"
+    return [Deviation(where="(6), (11)", printed=printed, here=here, why=why)]
+
+
+def _disturbances(rollout: RolloutParameters) -> list[Deviation]:
+    pushed = [condition for condition in rollout.conditions if condition.displacement is not None]
+    if not pushed:
+        return []
+    when = []
+    for condition in pushed:
+        if condition.at_time is not None:
+            when.append(f"{given(condition.at_time)} s after the start")
+        else:
+            fraction = 0.5 if condition.at_fraction is None else condition.at_fraction
+            when.append(f"at {given(fraction)} of the arc length of the controller's own undisturbed path")
+    return [
+        Deviation(
+            where="Figs 2, 3",
+            printed="Disturbances at the midpoint of the path",
+            here=f"Added once to the executed state, {joined(list(dict.fromkeys(when)))}.",
+            why="Which path, and where its middle is, is not printed.",
+        )
+    ]
+
+
+def _data(ingest: Any) -> list[Deviation]:
+    if ingest.kind != "lasa":
+        return []
+    train = ", ".join(str(index) for index in ingest.train)
+    printed = len(ingest.train) == PAPER_SPLIT
+    return [
+        Deviation(
+            where="III-A",
+            printed="Training and test sets in a ratio of 3:4; which, is not printed",
+            here=f"Demonstrations {train} train, the others test.",
+            why="Always the same ones, so that runs can be compared." if printed else "`ingest.train` was set.",
+        )
+    ]
+
+
+def _metrics(evaluate: Any) -> list[Deviation]:
+    return [
+        Deviation(
+            where="(26), DTWD",
+            printed="Named dynamic time warping distance; the formula is the swept area a step",
+            here=f"Both: the formula as printed, and dynamic time warping. Paths at {evaluate.samples} samples, "
+            "uniform in time; where the sides of a quadrilateral cross, its two triangles count.",
+            why="The formula warps nothing, and its 1/T depends on the sampling. Measured is the executed state, its "
+            "excursion included: x of a coupled system never leaves its path.",
+        )
+    ]

@@ -1,0 +1,196 @@
+"""Fig. 2 of the paper: the flow of the learned system, the demonstrations, and roll-outs that are pushed aside.
+
+Arrays in, SVG documents out. Systems of three coordinates are shown in the plane of the two in which the demonstrations
+reach farthest, without flow lines (a flow in a plane does not stay in it). Not here: which cases are shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.report import Key
+from stages.figures.numbers import MM
+from stages.figures.style import colour, drawing, limits, panel_width, svg
+from stages.trajectory import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MARGIN = 0.07
+"""Room around what is drawn, as a fraction of its larger extent."""
+
+FAR = 1.0
+"""A path may widen the picture by at most this multiple of the demonstrations' larger extent on each side."""
+
+PLANAR = 2
+"""Coordinates of a system whose flow can be drawn."""
+
+GRID = 60
+"""Samples of the flow along the longer side."""
+
+DEVIATIONS = (1.0, 2.0)
+"""Standard deviations at which the ellipses of the mixture components are drawn."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """What all panels share, in metres.
+
+    Attributes:
+        train, test: demonstrations, arrays, shape (n, d).
+        means, covariances: of the mixture, arrays, shape (K, d), (K, d, d).
+        goal: array, shape (d,).
+        velocity: of states, arrays, shape (n, d), m -> m/s.
+    """
+
+    train: Sequence[Array]
+    test: Sequence[Array]
+    means: Array
+    covariances: Array
+    goal: Array
+    velocity: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Path:
+    """One roll-out, in metres.
+
+    Attributes:
+        x: array, shape (n, d), the state of the learned system; none: it is the executed one.
+        executed: array, shape (n, d).
+        displaced: sample that holds the displacement; -1: none.
+    """
+
+    x: Array | None
+    executed: Array
+    displaced: int
+
+
+def legend(scene: Scene, paths: Sequence[Path]) -> tuple[Key, ...]:
+    """What the panels show beside the controllers' own lines."""
+    keys = []
+    if any(path.x is not None for path in paths):
+        keys.append(Key(label="state x of a coupled system: wide band", colour="muted", mark="area"))
+    if any(path.displaced > 0 for path in paths):
+        keys.append(Key(label="displacement", colour="ink", mark="arrow"))
+    if scene.train:
+        keys.append(Key(label="demonstrations, training", colour="ink"))
+    if scene.test:
+        keys.append(Key(label="demonstrations, test", colour="ink", mark="dashed"))
+    keys.append(Key(label="mixture components, 1 and 2 standard deviations", colour="series-4", mark="area"))
+    if scene.goal.shape[0] == PLANAR:
+        keys.append(Key(label="flow of the learned system", colour="faint"))
+    return tuple(keys)
+
+
+def axes_shown(demonstrations: Sequence[Array]) -> tuple[int, int]:
+    """The two coordinates in which the demonstrations reach farthest, in order."""
+    points = np.concatenate(list(demonstrations))
+    reach = points.max(axis=0) - points.min(axis=0)
+    first, second = sorted(np.argsort(-reach, kind="stable")[:2].tolist())
+    return first, second
+
+
+def frame(scene: Scene, panels: Sequence[Sequence[Path]]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges of the two shown coordinates, metres, for all panels: they hold all that is near the demonstrations."""
+    shown = list(axes_shown([*scene.train, *scene.test]))
+    known = np.concatenate([*scene.train, *scene.test, scene.goal[None]])[:, shown]
+    low, high = known.min(axis=0), known.max(axis=0)
+    reach = FAR * float((high - low).max())
+    paths = [path.executed[:, shown].clip(low - reach, high + reach) for panel in panels for path in panel]
+    return limits(np.concatenate([known, *paths]), MARGIN)
+
+
+def flow_panel(
+    scene: Scene,
+    paths: Sequence[Path],
+    title: str,
+    series: str,
+    extent: tuple[tuple[float, float], tuple[float, float]],
+    columns: int,
+) -> str:
+    """One panel: a controller under a condition.
+
+    Arguments:
+        series: name of the controller's colour in the palette.
+        extent: from `frame`, metres.
+        columns: panels beside each other.
+    """
+    (x0, x1), (y0, y1) = extent
+    width = panel_width(columns)
+    height = 0.75 + (width - 0.65) * min(1.25, (y1 - y0) / (x1 - x0))
+    with drawing(width, height) as (figure, (axes,)):
+        shown = axes_shown([*scene.train, *scene.test])
+        _draw_scene(axes, scene, extent, shown, stream=scene.goal.shape[0] == PLANAR)
+        for path in paths:
+            _draw_path(axes, path, shown, colour(series))
+        axes.plot(*(scene.goal[list(shown)] * MM), "*", ms=13, color=colour("ink"), mec=colour("surface"), zorder=9)
+        axes.set(xlim=(x0 * MM, x1 * MM), ylim=(y0 * MM, y1 * MM), aspect="equal", title=title)
+        axes.set_xlabel(f"{'xyz'[shown[0]]} [mm]")
+        axes.set_ylabel(f"{'xyz'[shown[1]]} [mm]")
+        return svg(figure)
+
+
+def _draw_scene(
+    axes: Axes,
+    scene: Scene,
+    extent: tuple[tuple[float, float], tuple[float, float]],
+    shown: tuple[int, int],
+    *,
+    stream: bool,
+) -> None:
+    from matplotlib.patches import Ellipse
+
+    if stream:
+        (x0, x1), (y0, y1) = extent
+        longest = max(x1 - x0, y1 - y0)
+        xs = np.linspace(x0, x1, max(8, round(GRID * (x1 - x0) / longest)))
+        ys = np.linspace(y0, y1, max(8, round(GRID * (y1 - y0) / longest)))
+        grid = np.stack(np.meshgrid(xs, ys), axis=-1)
+        flow = scene.velocity(grid.reshape(-1, 2)).reshape(grid.shape)
+        axes.streamplot(
+            xs * MM, ys * MM, flow[..., 0], flow[..., 1],
+            color=colour("faint"), linewidth=0.6, arrowsize=0.7, density=0.9, zorder=1,
+        )  # fmt: skip
+    for mean, covariance in zip(scene.means, scene.covariances, strict=True):
+        block = covariance[np.ix_(shown, shown)]
+        variances, directions = np.linalg.eigh(block)
+        angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+        for deviation in DEVIATIONS:
+            long, short = 2 * deviation * np.sqrt(variances[::-1]) * MM
+            ellipse = Ellipse(
+                tuple(mean[list(shown)] * MM), long, short, angle=angle, fc=colour("series-4"), ec="none", alpha=0.13
+            )
+            axes.add_patch(ellipse)
+    for demonstration in scene.test:
+        axes.plot(*(demonstration[:, shown].T * MM), color=colour("ink"), lw=0.9, ls=(0, (5, 3)), alpha=0.8, zorder=3)
+    for demonstration in scene.train:
+        axes.plot(*(demonstration[:, shown].T * MM), color=colour("ink"), lw=0.9, alpha=0.8, zorder=3)
+
+
+def _draw_path(axes: Axes, path: Path, shown: tuple[int, int], line: str) -> None:
+    """The executed path, broken where it is displaced, the state x beside it where they differ, the displacement."""
+    executed = path.executed[:, shown] * MM
+    if path.x is not None:
+        axes.plot(*(path.x[:, shown].T * MM), color=line, lw=5.5, alpha=0.3, zorder=4)
+    parts = [executed] if path.displaced <= 0 else [executed[: path.displaced], executed[path.displaced :]]
+    for part in parts:
+        axes.plot(*part.T, color=line, lw=1.9, zorder=5)
+    axes.plot(*executed[0], "o", ms=4, color=line, zorder=6)
+    if path.displaced > 0:
+        arrow = {
+            "arrowstyle": "-|>",
+            "color": colour("ink"),
+            "lw": 0.8,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 9,
+        }
+        axes.annotate(
+            "", xy=tuple(executed[path.displaced]), xytext=tuple(executed[path.displaced - 1]),
+            arrowprops=arrow, zorder=8,
+        )  # fmt: skip

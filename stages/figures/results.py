@@ -1,0 +1,174 @@
+"""What an experiment that has been run holds, read from the store: what the report's sections are made of.
+
+Everything is read when it is first asked for. Not here: how anything is shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from pipeline.experiment import Experiment, Point
+from pipeline.project import Project
+from stages.artifacts import dynamics as dynamics_table
+from stages.artifacts import rollouts as rollouts_table
+from stages.artifacts.metrics import read_metrics
+from stages.artifacts.midpoints import Midpoints, read_midpoints
+from stages.artifacts.mixture import read_sampler
+from stages.artifacts.rollouts import RecordedRollout, read_rollouts
+from stages.dynamics.lpvds import LpvDs
+from stages.figures.deviations import Resolved
+from stages.rollout.parameters import Condition, RolloutParameters
+from stages.trajectory import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointResults:
+    """One point of a sweep, or the only one of an experiment.
+
+    Attributes:
+        point: its parameters.
+        files: artifact name -> file.
+        records: stage -> action record.
+    """
+
+    point: Point
+    files: Mapping[str, Path]
+    records: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def name(self) -> str:
+        """What the point is called: its motion, or what sets it apart in the sweep."""
+        motion = getattr(self.point.parameters["ingest"], "motion", None)
+        if motion is None:
+            return self.point.id
+        return str(motion) if set(self.point.overrides) <= {"ingest.motion"} else f"{motion}, {self.point.id}"
+
+    @cached_property
+    def midpoints(self) -> Midpoints:
+        """Demonstrations and goal."""
+        return read_midpoints(self.files["midpoints"])
+
+    @cached_property
+    def model(self) -> LpvDs:
+        """The learned system."""
+        return dynamics_table.read_dynamics(self.files["dynamics"], self.files["mixture"])
+
+    @cached_property
+    def fit(self) -> dict[str, Any]:
+        """Certificate, solver report and errors of the fit."""
+        return dynamics_table.read_details(self.files["dynamics"])
+
+    @cached_property
+    def rollouts(self) -> tuple[RecordedRollout, ...]:
+        """All cases, with their paths."""
+        return tuple(read_rollouts(self.files["rollouts"])[0])
+
+    @cached_property
+    def resolved(self) -> Resolved:
+        """What the motion made of its controllers' parameters."""
+        details = rollouts_table.read_details(self.files["rollouts"])
+        couplings = {label(c): c["coupling"] for c in details["controllers"] if c["kind"] != "lpvds"}
+        return Resolved(top_speed=details["top_speed"], couplings=couplings)
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of metrics.parquet, each with its point."""
+        return [{"point": self.point.id, **row} for row in read_metrics(self.files["metrics"])]
+
+    @cached_property
+    def sampler(self) -> tuple[dict[str, NDArray[Any]], dict[int, float]]:
+        """Log posterior and number of components by sweep, and the criterion by number of components."""
+        return read_sampler(self.files["sampler"])
+
+    @property
+    def rollout_parameters(self) -> RolloutParameters:
+        """Of the rollout stage."""
+        parameters: RolloutParameters = self.point.parameters["rollout"]
+        return parameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Results:
+    """An experiment and all its points."""
+
+    experiment: Experiment
+    points: tuple[PointResults, ...]
+
+    @property
+    def is_sweep(self) -> bool:
+        """Whether there is more than one point."""
+        return len(self.points) > 1
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of all points together."""
+        return [row for point in self.points for row in point.rows]
+
+    @property
+    def points_word(self) -> str:
+        """What the points are called together."""
+        motions = all(hasattr(p.point.parameters["ingest"], "motion") for p in self.points)
+        return (
+            "motions" if motions and all(set(p.point.overrides) <= {"ingest.motion"} for p in self.points) else "points"
+        )
+
+    @cached_property
+    def shown(self) -> PointResults:
+        """The point that stands for all in the detailed figures: the motion of the paper's Fig. 2, or the first."""
+        angle = [p for p in self.points if getattr(p.point.parameters["ingest"], "motion", None) == "Angle"]
+        return (angle or list(self.points))[0]
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Conditions of the shown point."""
+        return self.shown.rollout_parameters.conditions
+
+    @property
+    def controllers(self) -> list[str]:
+        """Labels of the controllers, in the order of the roll-outs."""
+        return list(dict.fromkeys(label(row) for row in self.rows))
+
+
+def read_results(project: Project, experiment: Experiment) -> Results:
+    """All results of an experiment. Raises StaleError where it has not been run or is out of date."""
+    project.artifacts(experiment, project.last.name)  # raises where anything is not up to date
+    records: dict[str, dict[str, Mapping[str, Any]]] = {point.id: {} for point in experiment.points}
+    files: dict[str, dict[str, Path]] = {point.id: {} for point in experiment.points}
+    for examined in project.plan(experiment, project.last.name):
+        if examined.record is not None:
+            records[examined.point.id][examined.stage.name] = examined.record
+            for name, artifact in project.store.outputs(examined.record).items():
+                files[examined.point.id][name] = project.store.path(artifact.digest)
+    points = tuple(PointResults(point=p, files=files[p.id], records=records[p.id]) for p in experiment.points)
+    return Results(experiment=experiment, points=points)
+
+
+def label(row: Mapping[str, Any]) -> str:
+    """The controller of a row or of a resolved controller, as `RecordedRollout.label` names it."""
+    kind = row.get("controller") or row["kind"]
+    return str(kind) if kind == "lpvds" else f"{kind} {row['mode']}"
+
+
+def largest_by_direction(conditions: tuple[Condition, ...], limit: int = 3) -> list[Condition]:
+    """Conditions that displace; of those in the same direction only the farthest. At most `limit`."""
+    import numpy as np
+
+    chosen: list[tuple[Condition, Array]] = []
+    for condition in conditions:
+        if condition.displacement is None or not any(condition.displacement):
+            continue
+        push = np.array(condition.displacement)
+        for index, (_, other) in enumerate(chosen):
+            if push @ other >= (1 - 1e-9) * np.linalg.norm(push) * np.linalg.norm(other):
+                if np.linalg.norm(push) > np.linalg.norm(other):
+                    chosen[index] = (condition, push)
+                break
+        else:
+            chosen.append((condition, push))
+    return [condition for condition, _ in chosen][:limit]
