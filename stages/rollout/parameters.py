@@ -23,12 +23,12 @@ class ClpvdsController:
     """The coupled system of eqs. (9)-(12): x waits while the executed state p_hat is away from it.
 
     Attributes:
-        mode: ``paper``, the printed follower with a gate of finite tolerance, or ``robust``, a deadbeat follower with the
-            exact gate of eq. (12); none: the roll-out's own mode.
+        mode: ``paper``, the printed follower with a gate of finite tolerance, or ``robust``, a deadbeat follower with
+            the exact gate of eq. (12); none: the roll-out's own mode.
         k_c: eq. (10), 1/m. Paper: 100 on the robot. Only in paper mode.
-        p_max: eq. (10), 1/s; none: so that the tolerance lets 1.2 x the demonstrations' top speed pass. Only in paper mode.
-        gate: tolerance of the gate of eq. (12), m; it opens within `gate` and closes beyond 2 `gate`; none: from p_max, so
-            that 1.2 x the demonstrations' top speed passes. Only in paper mode.
+        p_max: eq. (10), 1/s; none: so that the gate lets 1.2 x the demonstrations' top speed pass. Only in paper mode.
+        gate: tolerance of the gate of eq. (12), m; it opens within `gate` and closes beyond 2 `gate`; none: from p_max,
+            so that 1.2 x the demonstrations' top speed passes. Only in paper mode.
         v_max: top speed of the deadbeat follower, m/s; none: 5 x the demonstrations' top speed. Only in robust mode.
     """
 

@@ -1,0 +1,130 @@
+"""Validation at the edge: plain tables from TOML into frozen parameter classes, errors with their dotted location."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import types
+import typing
+from typing import Annotated, Any
+
+from pipeline.errors import ParameterError, choices
+from pipeline.stage import Stage
+
+LONGEST = 60
+"""Characters of a wrong value that a message shows."""
+
+
+def validate(stage: Stage, given: dict[str, Any]) -> Any:
+    """The stage's parameters made of a plain table.
+
+    Raises ParameterError for the first thing that is wrong: unknown name, missing name, wrong type, value out of range.
+    """
+    from pydantic import ValidationError
+
+    given = dict(given)
+    members = _members(stage.parameters)
+    if len(members) > 1:
+        given.setdefault("kind", _kind(members[0]))
+        kinds = {_kind(member): member for member in members}
+        if not isinstance(given["kind"], str) or given["kind"] not in kinds:
+            raise ParameterError(
+                f"{stage.name}.kind", f"there is no kind {given['kind']!r}; {choices(str(given['kind']), kinds)}"
+            )
+        chosen = kinds[given["kind"]]
+    else:
+        chosen = members[0]
+    try:
+        # From JSON, so that lists become tuples while strict types stay strict.
+        return _adapter(chosen).validate_json(json.dumps(given, default=str))
+    except ValidationError as error:
+        raise _translate(stage.name, chosen, given, error.errors(include_url=False)[0]) from None
+
+
+@functools.cache
+def _adapter(cls: type) -> Any:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(cls)
+
+
+def _members(declared: Any) -> tuple[type, ...]:
+    if typing.get_origin(declared) in (typing.Union, types.UnionType):
+        return typing.get_args(declared)
+    return (declared,)
+
+
+def _kind(cls: type) -> str:
+    return str(next(f.default for f in dataclasses.fields(cls) if f.name == "kind"))
+
+
+def _translate(stage: str, cls: type, given: Any, problem: Any) -> ParameterError:
+    """One of pydantic's findings as a sentence at its dotted location."""
+    location = _location(given, problem["loc"])
+    dotted = ".".join((stage, *map(str, location)))
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        owner = _owner(cls, given, location[:-1])
+        return ParameterError(dotted, f"unknown parameter; {choices(str(location[-1]), _names(owner))}")
+    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        return ParameterError(dotted, "must be given.")
+    if kind == "union_tag_invalid":
+        valid = [text.strip("' ") for text in str(context["expected_tags"]).split(",")]
+        return ParameterError(
+            f"{dotted}.kind", f"there is no kind {context['tag']!r}; {choices(context['tag'], valid)}"
+        )
+    if kind == "union_tag_not_found":
+        return ParameterError(f"{dotted}.kind", "must be given.")
+    if kind == "literal_error":
+        return ParameterError(dotted, f"must be {context['expected']}, not {problem['input']!r}.")
+    message = str(context.get("error", problem["msg"])).removeprefix("Input ").rstrip(".")
+    message = message.replace("an object", "a table")  # as TOML calls it
+    value = json.dumps(problem["input"], default=str)
+    shown = value if len(value) <= LONGEST else f"{value[:LONGEST]}…"
+    return ParameterError(dotted, f"{message}." if kind == "value_error" else f"{message}, not {shown}.")
+
+
+def _location(given: Any, loc: tuple[Any, ...]) -> list[Any]:
+    """Pydantic's location without the names of union members that it puts between."""
+    location: list[Any] = []
+    here = given
+    for index, part in enumerate(loc):
+        inside = (isinstance(here, dict) and part in here) or (isinstance(here, list) and isinstance(part, int))
+        if inside:
+            here = here[part]
+            location.append(part)
+        elif index == len(loc) - 1 and isinstance(here, dict) and here.get("kind") != part:
+            location.append(part)
+    return location
+
+
+def _owner(cls: Any, given: Any, location: list[Any]) -> Any:
+    """The parameter class that stands at a location."""
+    here = given
+    for part in location:
+        here = here[part]
+        if isinstance(part, str):
+            cls = typing.get_type_hints(cls).get(part, cls)
+        else:
+            arguments = [a for a in typing.get_args(cls) if a is not Ellipsis]
+            cls = arguments[min(part, len(arguments) - 1)] if arguments else cls
+        while typing.get_origin(cls) is Annotated:
+            cls = typing.get_args(cls)[0]
+        for member in _members(cls):
+            if (
+                dataclasses.is_dataclass(member)
+                and isinstance(here, dict)
+                and here.get("kind") == _kind_or_none(member)
+            ):
+                cls = member
+                break
+    return cls
+
+
+def _kind_or_none(cls: Any) -> str | None:
+    return next((str(f.default) for f in dataclasses.fields(cls) if f.name == "kind"), None)
+
+
+def _names(cls: Any) -> list[str]:
+    return [f.name for f in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []

@@ -1,0 +1,72 @@
+"""Compile what the stages need, once, before workers are started: each function runs its stage's mathematics on a toy.
+
+Only types matter to the compiler, so four points in the plane are enough. Nothing here is part of a result.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from stages.dynamics.lpvds import LpvDs
+    from stages.trajectory import Trajectory
+
+
+@cache
+def _toy() -> tuple[Trajectory, LpvDs]:
+    """A short motion to the origin, and a system learned from it."""
+    from stages.dynamics.parameters import QlfParameters
+    from stages.dynamics.qlf import fit_dynamics
+    from stages.mixture.parameters import PcGmmParameters
+    from stages.mixture.pcgmm import fit_pcgmm
+    from stages.trajectory import Trajectory
+
+    time = np.linspace(0.0, 1.0, 24)
+    position = np.column_stack([1.0 - time, (1.0 - time) ** 2])
+    velocity = np.column_stack([-np.ones_like(time), -2.0 * (1.0 - time)])
+    parameters = PcGmmParameters(sweeps=2, points=16, polish=2)
+    found = fit_pcgmm(position, velocity, np.array([12, 12]), parameters, np.random.default_rng(0))
+    model = fit_dynamics(position, velocity, found.mixture, np.zeros(2), QlfParameters()).model
+    trajectory = Trajectory(dataset="toy", demo="1", split="train", time=time, position=position, velocity=velocity)
+    return trajectory, model
+
+
+def mixture() -> None:
+    """Compile the sampler and the polishing."""
+    _toy()
+
+
+def dynamics() -> None:
+    """Compile the normal equations and the densities."""
+    _toy()
+
+
+def rollout() -> None:
+    """Compile the roll-out loop."""
+    from stages.rollout.parameters import RolloutParameters
+    from stages.rollout.simulate import simulate
+
+    trajectory, model = _toy()
+    simulate(model, [trajectory], RolloutParameters(starts="train"), 1.0)
+
+
+def evaluate() -> None:
+    """Compile the metrics."""
+    from stages.evaluate.compare import compare
+
+    trajectory, _ = _toy()
+    n = trajectory.time.shape[0]
+    compare(
+        time=trajectory.time,
+        executed=trajectory.position,
+        gate=np.ones(n, dtype=np.bool_),
+        lyapunov=np.zeros(n),
+        displaced=-1,
+        outcome="arrived",
+        reference=trajectory,
+        goal=np.zeros(2),
+        samples=16,
+    )
