@@ -7,7 +7,6 @@ imported inside the verbs, so that ``--help`` stays fast.
 from __future__ import annotations
 
 import functools
-import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -65,7 +64,6 @@ def friendly(verb: Callable[P, None]) -> Callable[P, None]:
 
     @functools.wraps(verb)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
-        gc.disable()  # a tenth of the time of a verb that imports and reads; what computes switches it on again
         try:
             verb(*args, **kwargs)
             sys.stdout.flush()
@@ -88,8 +86,6 @@ def friendly(verb: Callable[P, None]) -> Callable[P, None]:
                 f"{error.filename or 'a file'} cannot be read or written: {error.strerror or error}."
             )
             raise typer.Exit(EXIT_FAILED) from None
-        finally:
-            gc.enable()
 
     return wrapped
 

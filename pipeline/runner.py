@@ -6,7 +6,6 @@ same bytes as before leaves the later ones cached. Events tell a console what ha
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field
@@ -181,7 +180,6 @@ class _Scheduler:
 
     def _start(self) -> None:
         """Set the cache of compiled code, and compile in this process before workers that would do it each."""
-        gc.enable()  # the command line switches it off while it imports and reads
         use_cache_for(self.package)
         for point in self.experiment.points:
             for stage in self.stages:

@@ -19,11 +19,11 @@ TURNS = 9
 
 
 def seconds(*command: str, root: Path) -> float:
-    """Wall clock of a process."""
+    """Wall clock of a process that finds its modules as bytecode, as an installed program does."""
+    environment = {**os.environ, "CLPV_ROOT": str(root), "PYTHONPYCACHEPREFIX": str(root / "bytecode")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     begin = time.perf_counter()
-    subprocess.run(
-        [sys.executable, *command], check=True, capture_output=True, env={**os.environ, "CLPV_ROOT": str(root)}
-    )
+    subprocess.run([sys.executable, *command], check=True, capture_output=True, env=environment)
     return time.perf_counter() - begin
 
 

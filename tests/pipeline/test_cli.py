@@ -631,18 +631,16 @@ def test_completion_of_names(toy, monkeypatch):
     assert complete_name("t") == ["try"]
 
 
-@pytest.mark.parametrize("arguments", [("list",), ("show", "try"), ("status", "--json")])
-def test_a_reader_that_goes_away(toy, arguments):
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize("arguments", [("list",), ("status", "--json")])
+def test_a_reader_that_goes_away(toy, arguments, buffered):
+    """What is buffered meets the closed pipe at the end only."""
     reading, writing = os.pipe()
     os.close(reading)
+    environment = toy.environment() | {"PYTHONUNBUFFERED": "" if buffered else "1"}
     with os.fdopen(writing, "w") as closed:
         done = subprocess.run(
-            toy.command(*arguments),
-            env=toy.environment(),
-            stdout=closed,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
+            toy.command(*arguments), env=environment, stdout=closed, stderr=subprocess.PIPE, text=True, check=False
         )
     assert (done.returncode, done.stderr) == (1, "")
 

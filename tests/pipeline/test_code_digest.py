@@ -125,6 +125,12 @@ def test_reached_modules(toy):
         "class C:\n    def late(self):\n        from .deep.helper import f",
         "try:\n    import toy.deep.helper\nexcept ImportError:\n    pass",
         "if False:\n    import toy.deep.helper",
+        "if True:\n    pass\nelse:\n    import toy.deep.helper",
+        "try:\n    pass\nexcept ValueError:\n    import toy.deep.helper",
+        "try:\n    pass\nfinally:\n    import toy.deep.helper",
+        "with open('x'):\n    for x in []:\n        pass\n    else:\n        while True:\n            import toy.deep.helper",
+        "match 1:\n    case 1:\n        import toy.deep.helper",
+        "async def late():\n    import toy.deep.helper",
     ],
 )
 def test_ways_to_import(toy, statement):
@@ -177,6 +183,19 @@ def test_new_and_unused_modules_are_named(toy):
         "toy.mean.estimate changed",
         "toy.ordering is new",
     ]
+
+
+def test_a_module_is_read_once_and_edits_are_noticed(toy):
+    before = fit_mean(toy)
+    files = code.files(before)
+    assert list(files) == list(before)
+    assert code.edited(files) == []
+    toy.edit("arithmetic", "# one by one", "# each")
+    assert code.reached(["toy.fit", "toy.mean"]) == before
+    assert code.files(before) == files
+    assert code.edited(files) == ["toy.arithmetic"]
+    (toy.source / "toy" / "mean.py").unlink()
+    assert code.edited(files) == ["toy.arithmetic", "toy.mean"]
 
 
 def test_a_folder_with_spaces_and_links(toy, tmp_path, monkeypatch):

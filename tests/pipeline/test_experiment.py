@@ -55,6 +55,17 @@ def test_preset_speaks_only_of_its_own_kind(toy):
     assert only(toy).parameters["fit"].kind == "median"
 
 
+def test_preset_of_a_table_in_a_table():
+    from pipeline.experiment import _with_preset
+
+    preset = {"a": 1, "inner": {"kind": "x", "b": 2, "c": 3}, "other": {"d": 4}}
+    assert _with_preset({}, preset) == preset
+    assert _with_preset({"inner": {"b": 5}}, preset)["inner"] == {"kind": "x", "b": 5, "c": 3}
+    assert _with_preset({"inner": {"kind": "y", "b": 5}}, preset)["inner"] == {"kind": "y", "b": 5}
+    assert _with_preset({"inner": 3}, preset) == {"a": 1, "inner": 3, "other": {"d": 4}}
+    assert preset == {"a": 1, "inner": {"kind": "x", "b": 2, "c": 3}, "other": {"d": 4}}
+
+
 def test_override_of_dotted_names_and_list_indexes(toy):
     point = only(toy, [TWO_CASES, "score.cases.1.distance=7", "score.cases.0.radius=2", "fit.weights=[1, 2.5]"])
     near, far = point.parameters["score"].cases
@@ -193,6 +204,10 @@ def test_list_item_below_a_value(toy):
         ("[sweep]\nfit.offset = 3", "sweep.fit.offset: must be a list with at least one value."),
         ("[sweep]\nfit.offset = []", "sweep.fit.offset: must be a list with at least one value."),
         ("[sweep]\nfit.offset = [1, 2, 1]", "sweep.fit.offset: names a value twice."),
+        (
+            "[sweep]\n" + "".join(f"a.b{n} = [1,2,3,4,5,6,7,8,9,10]\n" for n in range(30)),
+            f"sweep: has 1{'0' * 30} points; at most 10000 are taken.",
+        ),
         ("[sweep]\nfit.ofset = [1]", "fit.ofset: unknown parameter; did you mean 'offset'? "),
         ("[sweep]\nfti.offset = [1]", "fti.offset: unknown stage or key; did you mean 'fit'? "),
         ("[sweep]\npreset = ['papr']", "preset: there is no preset 'papr'; did you mean 'paper'? "),
@@ -204,6 +219,11 @@ def test_list_item_below_a_value(toy):
 def test_refusal_of_a_file(toy, text, message):
     toy.experiment("try", text)
     assert refusal(toy).startswith(message)
+
+
+def test_a_file_with_a_byte_order_mark_and_other_line_ends(toy):
+    (toy.root / "runs" / "try" / "experiment.toml").write_bytes(b"\xef\xbb\xbf[fit]\r\noffset = 2\r\n")
+    assert only(toy).parameters["fit"].offset == 2.0
 
 
 def test_file_that_is_not_text(toy):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -403,6 +404,44 @@ def test_a_cached_run_needs_no_writable_store(toy, monkeypatch):
     assert toy.computed(toy.run()) == []
 
 
+EDIT = """
+    from pathlib import Path
+
+    path = Path(__file__).with_name("{module}.py")
+    path.write_text(path.read_text().replace("{old}", "{new}"))
+    (path,) ="""
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_code_that_is_edited_during_a_run_is_not_recorded(toy, jobs):
+    """The module has been imported, or is about to be: either way its key would speak of other code."""
+    toy.edit("read", "(path,) =", EDIT.format(module="score", old="10 * model", new="20 * model"))
+    error = failure(toy, "many", error=ClpvError, jobs=jobs)
+    assert "its code was edited while it ran; run again." in str(error)
+    assert [e.stage for e in toy.events if e.kind == "failed"] == ["score"] * 3
+    outcomes = toy.run("many")
+    assert [o.cached for o in outcomes if o.stage == "score"] == [False] * 3
+    assert outcomes[-1].record["metrics"] == {"score": 100.0}
+
+
+def test_code_that_is_edited_before_it_is_imported(toy):
+    toy.edit("read", "(path,) =", EDIT.format(module="arithmetic", old="FACTOR = 1.0", new="FACTOR = 2.0"))
+    assert "stage fit at main: its code was edited while it ran" in str(failure(toy))
+    assert toy.run()[1].record["metrics"] == {"model": 6.0}
+
+
+def test_other_code_may_be_edited_during_a_run(toy):
+    toy.edit("read", "(path,) =", EDIT.format(module="median", old="The median", new="Half"))
+    assert toy.computed(toy.run()) == ALL
+
+
+def test_what_a_stage_prints_does_not_go_to_standard_output(toy):
+    toy.edit("score", "act = context", 'print("chatter")\n    act = context')
+    done = toy.process("run", "try", "--json", "--quiet")
+    assert json.loads(done.stdout)["experiment"] == "try"
+    assert done.stderr == "chatter\n"
+
+
 # Interruptions and company, in processes of their own
 
 
@@ -504,5 +543,5 @@ def test_linear_algebra_uses_one_thread_even_where_it_is_loaded_late(toy):
     )
     environment = {name: text for name, text in toy.environment().items() if name not in ONE_THREAD}
     done = subprocess.run(toy.command("run", "try"), env=environment, capture_output=True, text=True, check=True)
-    (found,) = re.findall("'num_threads': ([0-9]+)", done.stdout)
+    (found,) = re.findall("'num_threads': ([0-9]+)", done.stderr)
     assert found == "1"

@@ -142,7 +142,7 @@ def test_unknown_motion_in_a_folder_lists_what_is_there(tmp_path):
 
 
 def test_missing_folder(tmp_path):
-    with pytest.raises(ParameterError, match=r"^ingest\.folder: there is no folder 'no/such'\.$"):
+    with pytest.raises(ParameterError, match=r"^ingest\.folder: there is no folder 'such' in the project\.$"):
         motion_file("Angle", Path("no/such"))
     (tmp_path / "file").touch()
     with pytest.raises(ParameterError, match=r"^ingest\.folder: there is no folder"):
