@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,12 @@ SCHEMA = Schema(
 )
 
 
-def write_demonstrations(path: Path, demonstrations: Sequence[Demonstration]) -> None:
-    """Write demonstrations in order, arm after arm; a coordinate, orientation or force that was not recorded is nan."""
+def write_demonstrations(path: Path, demonstrations: Sequence[Demonstration], details: Mapping[str, Any]) -> None:
+    """Write demonstrations in order, arm after arm; a coordinate, orientation or force that was not recorded is nan.
+
+    Arguments:
+        details: plain values about how they were made, kept as metadata.
+    """
     parts: dict[str, list[Array]] = {column.name: [] for column in SCHEMA.columns if column.type == "float"}
     labels: dict[str, list[str]] = {"dataset": [], "demo": [], "split": [], "arm": []}
     for demonstration in demonstrations:
@@ -42,7 +47,7 @@ def write_demonstrations(path: Path, demonstrations: Sequence[Demonstration]) ->
             _append(parts, ("qx", "qy", "qz", "qw"), recording.quaternion, count)
             _append(parts, ("fx", "fy", "fz"), recording.force, count)
     columns = {name: np.concatenate(values) for name, values in parts.items()}
-    write(path, SCHEMA, {**labels, **columns}, {})
+    write(path, SCHEMA, {**labels, **columns}, details)
 
 
 def read_demonstrations(path: Path) -> list[Demonstration]:

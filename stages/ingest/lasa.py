@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,20 @@ RELEASE = f"{PACKAGE}==0.1.1"
 
 MILLIMETRES = 1000.0
 """Millimetres in a metre: the files' unit of length (Readme of the data set)."""
+
+
+def locate(parameters: LasaParameters, root: Path) -> Mapping[str, Path]:
+    """The motion's file, labelled by its name."""
+    path = motion_file(parameters.motion, None if parameters.folder is None else root / parameters.folder)
+    return {path.name: path}
+
+
+def ingest(
+    files: Mapping[str, Path], parameters: LasaParameters, warn: Callable[[str], None]
+) -> tuple[list[Demonstration], dict[str, Any]]:
+    """Demonstrations of the labelled file; nothing is counted and nobody is warned."""
+    (path,) = files.values()
+    return read_lasa(path, parameters), {}
 
 
 def motion_file(motion: str, folder: Path | None) -> Path:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import DataError, ParameterError
+from stages.midpoint.clamp import Clamp, clamp, clamp_axis
 from stages.midpoint.parameters import MidpointParameters
 from stages.trajectory import Array, Demonstration, Trajectory, check_recording, frozen
 
@@ -34,6 +35,8 @@ class MidpointResult:
         goal: array, shape (d,), metres.
         shifts: array, shape (demonstrations, d), metres: what was added to each demonstration's positions.
         separations: distance of the arms, array, shape (samples of the trajectory,), metres; None for a single point.
+        clamp_axis: ``x``, ``y`` or ``z``; None where no demonstration is of two arms.
+        clamps: separation of the arms along that axis, eq. (13), of each demonstration; None for a single point.
         samples: samples of each trajectory.
     """
 
@@ -41,6 +44,8 @@ class MidpointResult:
     goal: Array
     shifts: Array
     separations: tuple[Array | None, ...]
+    clamp_axis: str | None
+    clamps: tuple[Clamp | None, ...]
     samples: tuple[int, ...]
 
 
@@ -55,14 +60,14 @@ def to_trajectories(demonstrations: Sequence[Demonstration], parameters: Midpoin
     """
     check_parameters(parameters)
     check_demonstrations(demonstrations)
-    times, positions, separations = [], [], []
+    times, positions, differences = [], [], []
     for demonstration in demonstrations:
-        time, position, separation = midpoint_path(demonstration, parameters.samples)
+        time, position, difference = midpoint_path(demonstration, parameters.samples)
         check_moves(position, demonstration.name)
         check_samples(time.shape[0], parameters.polynomial, demonstration.name)
         times.append(time)
         positions.append(smoothed(position, parameters.smoothing, parameters.polynomial))
-        separations.append(separation)
+        differences.append(difference)
 
     goal = common_goal(
         [p for p, demonstration in zip(positions, demonstrations, strict=True) if demonstration.split == "train"],
@@ -80,11 +85,15 @@ def to_trajectories(demonstrations: Sequence[Demonstration], parameters: Midpoin
         )
         for demonstration, time, position in zip(demonstrations, times, positions, strict=True)
     )
+    held = [difference for difference in differences if difference is not None]
+    axis = clamp_axis(held, parameters.clamp_axis) if held else None
     return MidpointResult(
         trajectories=trajectories,
         goal=frozen(goal),
         shifts=frozen(shifts),
-        separations=tuple(separations),
+        separations=tuple(None if d is None else frozen(arm_separation(d)) for d in differences),
+        clamp_axis=axis,
+        clamps=tuple(None if d is None or axis is None else clamp(d, axis) for d in differences),
         samples=tuple(time.shape[0] for time in times),
     )
 
@@ -94,22 +103,16 @@ def midpoint(left: Array, right: Array) -> Array:
     return (left + right) / 2.0
 
 
-def arm_separation(left: Array, right: Array, axis: Array | None = None) -> Array:
-    """Distance of the arms, array, shape (n,), metres, from their positions, arrays, shape (n, d), metres.
-
-    Along `axis`, array, shape (d,), any length but zero, it is signed: positive where the left arm is ahead. Without
-    an axis it is the Euclidean distance. Its mean is L of paper eq. (13).
-    """
-    difference = left - right
-    if axis is None:
-        return np.asarray(np.linalg.norm(difference, axis=1))
-    return np.asarray((difference * (axis / np.linalg.norm(axis))).sum(axis=1))
+def arm_separation(difference: Array) -> Array:
+    """Distance of the arms, array, shape (n,), metres, from left minus right, array, shape (n, d), metres."""
+    return np.asarray(np.linalg.norm(difference, axis=1))
 
 
 def midpoint_path(demonstration: Demonstration, samples: int | None) -> tuple[Array, Array, Array | None]:
-    """The demonstration's point on a uniform clock: time from 0 (n,) s, position (n, d) m, separation (n,) m or None.
+    """The demonstration's point on a uniform clock: time from 0 (n,) s, position (n, d) m, left minus right (n, d) m.
 
-    Both arms are brought onto one clock inside the time that they have in common. Paper eq. (4).
+    Both arms are brought onto one clock inside the time that they have in common; of a single point there is no left
+    minus right. Paper eq. (4).
     Raises DataError where the arms are neither ``left`` and ``right`` nor ``point``, or have no time in common.
     """
     arms = demonstration.arms
@@ -124,7 +127,7 @@ def midpoint_path(demonstration: Demonstration, samples: int | None) -> tuple[Ar
     if "point" in on_clock:
         return time, on_clock["point"], None
     left, right = on_clock["left"], on_clock["right"]
-    return time, midpoint(left, right), frozen(arm_separation(left, right))
+    return time, midpoint(left, right), left - right
 
 
 def uniform_clock(times: Sequence[Array], samples: int | None, source: str) -> Array:

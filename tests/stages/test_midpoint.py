@@ -8,8 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.errors import DataError, ParameterError
+from pipeline.stage import StageContext
+from stages.artifacts.demonstrations import write_demonstrations
+from stages.artifacts.parquet import header
 from stages.ingest.lasa import motion_file, read_lasa
 from stages.ingest.parameters import LasaParameters
+from stages.midpoint.clamp import clamp, clamp_axis, varies
 from stages.midpoint.midpoint import (
     arm_separation,
     common_goal,
@@ -25,6 +29,7 @@ from stages.midpoint.midpoint import (
     window_length,
 )
 from stages.midpoint.parameters import MidpointParameters
+from stages.midpoint.stage import STAGE
 from stages.trajectory import ArmRecording, Demonstration
 
 DEFAULT = MidpointParameters()
@@ -68,15 +73,14 @@ def test_midpoint_by_hand():
 
 def test_separation_by_hand():
     left, right = np.array([[3.0, 4.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
-    assert np.array_equal(arm_separation(left, right), [5.0, 2.0])
-    assert np.array_equal(arm_separation(left, right, np.array([0.0, 2.0, 0.0])), [4.0, -2.0])
+    assert np.array_equal(arm_separation(left - right), [5.0, 2.0])
 
 
 def test_midpoint_inverts_the_arms_of_eq_13():
     centre, half = line([0.1, 0.2, 0.3], [0.5, 0.1, 0.9]), np.array([0.0, 0.15, 0.0])
     left, right = centre + half, centre - half
     np.testing.assert_allclose(midpoint(left, right), centre, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(arm_separation(left, right), 0.3, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(arm_separation(left - right), 0.3, rtol=0, atol=1e-15)
 
 
 def test_arms_of_different_clocks_meet_inside_their_overlap():
@@ -85,14 +89,14 @@ def test_arms_of_different_clocks_meet_inside_their_overlap():
     def path(time, offset):
         return np.column_stack([2.0 * time, -time + offset, 0.5 * time])
 
-    time, position, separation = midpoint_path(
+    time, position, difference = midpoint_path(
         arms(left_time, path(left_time, 0.2), right_time, path(right_time, -0.2)), None
     )
     # 21 of the left arm's samples and 11 of the right arm's lie in 2 ... 3 s
     assert time.shape == (21,)
     np.testing.assert_allclose(time, np.linspace(0.0, 1.0, 21), rtol=0, atol=1e-12)
     np.testing.assert_allclose(position, path(2.0 + time, 0.0), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(separation, 0.4, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(difference, np.tile([0.0, 0.4, 0.0], (21, 1)), rtol=0, atol=1e-12)
 
 
 def test_arms_of_one_clock_pass_through_bit_for_bit():
@@ -116,6 +120,73 @@ def test_two_arms_end_to_end():
         assert trajectory.dimension == 3
         np.testing.assert_allclose(trajectory.velocity, np.tile([0.2, 0.1, 0.25], (101, 1)), rtol=0, atol=1e-11)
         np.testing.assert_allclose(separation, 0.2, rtol=0, atol=1e-14)
+
+
+# --- the clamp axis and L of eq. (13) ---------------------------------------------------------------------------------
+
+
+def test_clamp_by_hand():
+    difference = np.array([[0.03, 0.30, 0.0], [0.03, 0.32, 0.0], [0.03, 0.28, 0.0], [0.03, 0.34, 0.0]])
+    found = clamp(difference, "y")
+    assert found.mean == pytest.approx(0.31)
+    assert found.spread == pytest.approx(np.sqrt((1 + 1 + 9 + 9) / 4) * 0.01)
+    assert found.deviation == pytest.approx(0.03)
+    assert found.tilt == pytest.approx(np.arctan(0.03 / 0.31))
+    assert clamp(-difference, "y").mean == pytest.approx(-0.31)
+    assert clamp(difference, "x").mean == pytest.approx(0.03)
+
+
+def test_clamp_axis_is_found_or_given():
+    along_x, along_z = np.tile([0.4, 0.1, -0.2], (5, 1)), np.tile([0.0, 0.0, -0.5], (9, 1))
+    assert clamp_axis([along_x], "auto") == "x"
+    assert clamp_axis([along_z], "auto") == "z"
+    assert clamp_axis([along_x, along_z], "auto") == "z"  # each counts alike: (.2, .05, .35)
+    assert clamp_axis([along_x, -along_x], "auto") == "x"  # arms that changed sides do not cancel
+    assert clamp_axis([along_x], "y") == "y"
+    with pytest.raises(ParameterError, match=r"^midpoint\.clamp_axis: is 'z'; the data have 2 coordinates\.$"):
+        clamp_axis([along_x[:, :2]], "z")
+    with pytest.raises(DataError, match=r"^demonstrations: both arms are at one place"):
+        clamp_axis([np.zeros((5, 3))], "auto")
+
+
+def held(separation, demo):
+    clock = np.linspace(0.0, 2.0, 101)
+    centre = line([0, 0, 1], [0.4, 0.2, 1.5], 101)
+    half = np.column_stack([np.zeros(101), np.broadcast_to(separation, 101) / 2, np.zeros(101)])
+    return arms(clock, centre + half, clock, centre - half, demo)
+
+
+def test_two_arms_report_their_separation():
+    slipping = 0.3 + 0.05 * np.linspace(0.0, 1.0, 101)
+    result = to_trajectories([held(0.3, "1"), held(slipping, "2")], DEFAULT)
+    assert result.clamp_axis == "y"
+    assert result.clamps[0].mean == pytest.approx(0.3)
+    assert result.clamps[0].deviation == pytest.approx(0.0, abs=1e-15)
+    assert result.clamps[1].mean == pytest.approx(0.325)
+    assert result.clamps[1].deviation == pytest.approx(0.025)
+    assert varies(result.clamps[0], 0.02, "y", "Made, demonstration 1") == ""
+    assert varies(result.clamps[1], 0.03, "y", "Made, demonstration 2") == ""
+    sentence = varies(result.clamps[1], 0.02, "y", "Made, demonstration 2")
+    assert sentence.startswith(
+        "Made, demonstration 2: the separation of the arms along y, 0.3250 m on average, varies by"
+    )
+    assert to_trajectories(pair(), DEFAULT).clamp_axis is None
+    assert to_trajectories(pair(), DEFAULT).clamps == (None, None)
+
+
+def test_the_stage_warns_and_keeps_the_separation(tmp_path):
+    inputs = {"demonstrations": tmp_path / "demonstrations.parquet"}
+    outputs = {"midpoints": tmp_path / "midpoints.parquet"}
+    write_demonstrations(inputs["demonstrations"], [held(0.3, "1"), held(np.linspace(0.3, 0.4, 101), "2")], {})
+    context = StageContext(stage="midpoint", parameters=DEFAULT, inputs=inputs, sources={}, outputs=outputs)
+    STAGE.run(context)
+    assert [warning.partition(":")[0] for warning in context.warnings] == ["Made, demonstration 2"]
+    found = header(outputs["midpoints"])
+    assert found["clamp_axis"] == "y"
+    assert [entry["mean"] for entry in found["separation"]] == pytest.approx([0.3, 0.35])
+    figures = STAGE.headline(outputs)
+    assert figures["separation_m"] == pytest.approx(0.325)
+    assert figures["separation_deviation_m"] == pytest.approx(0.05)
 
 
 # --- clock and resampling ---------------------------------------------------------------------------------------------
