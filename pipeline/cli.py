@@ -105,6 +105,32 @@ def open_project(references: Sequence[str]) -> Project:
     return Project.open(root_folder(), references)
 
 
+def bring_up(
+    references: Sequence[str],
+    console: Console,
+    name: str,
+    last: str | None,
+    *,
+    sets: Sequence[str] | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    force: Sequence[str] | None = None,
+    dry_run: bool = False,
+    record: bool = False,
+) -> None:
+    """Bring an experiment up to the stage `last` (none: the last one), or say what would run."""
+    from pipeline import advance
+
+    project = open_project(references)
+    experiment = project.experiment(name, sets or (), seed)
+    forced = [project.stage(stage).name for stage in force or ()]
+    stage = project.last if last is None else project.stage(last)
+    if dry_run:
+        advance.show_plan(console, project.plan(experiment, stage.name, forced), name)
+    else:
+        advance.bring_up(project, console, experiment, stage, jobs=jobs, force=forced, record=record)
+
+
 def add_bring_up(app: typer.Typer, references: Sequence[str], verb: str, last: str | None, text: str) -> None:
     """Add a verb that brings an experiment up to the stage `last` (none: the last one); `text` is its help."""
 
@@ -123,17 +149,21 @@ def add_bring_up(app: typer.Typer, references: Sequence[str], verb: str, last: s
         verbose: Verbose = False,
         debug: Debug = False,
     ) -> None:
-        from pipeline import advance
         from pipeline.console import Console
 
-        project, console = open_project(references), Console(json=json, quiet=quiet, verbose=verbose)
-        experiment = project.experiment(name, sets or (), seed)
-        forced = [project.stage(stage).name for stage in force or ()]
-        stage = project.last if last is None else project.stage(last)
-        if dry_run:
-            advance.show_plan(console, project.plan(experiment, stage.name, forced), name)
-        else:
-            advance.bring_up(project, console, experiment, stage, jobs=jobs, force=forced, record=record)
+        console = Console(json=json, quiet=quiet, verbose=verbose)
+        bring_up(
+            references,
+            console,
+            name,
+            last,
+            sets=sets,
+            seed=seed,
+            jobs=jobs,
+            force=force,
+            dry_run=dry_run,
+            record=record,
+        )
 
 
 def add_verbs(app: typer.Typer, references: Sequence[str], templates: Callable[[], dict[str, str]]) -> None:

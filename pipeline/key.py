@@ -45,7 +45,7 @@ def stage_key(stage: Stage, point: Point, inputs: Mapping[str, str], sources: Ma
         "parameters": plain(chosen),
         "inputs": dict(inputs),
         "sources": dict(sources),
-        "libraries": {name: version(name) for name in stage.libraries},
+        "libraries": {name: version(name) for name in stage.versioned(chosen)},
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "seed": point.seed if stage.random else None,
     }

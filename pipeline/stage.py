@@ -87,6 +87,10 @@ def _no_sources(parameters: Any, root: Path) -> Mapping[str, Path]:
     return {}
 
 
+def _no_facts(parameters: Any, root: Path) -> Mapping[str, str]:
+    return {}
+
+
 def _no_headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
     return {}
 
@@ -104,9 +108,10 @@ class Stage:
         run: does the work.
         presets: preset -> parameters that it sets below those of the experiment file.
         implementations: kind -> ``module:function``; the selected one counts in the key, the others do not.
-        libraries: distributions whose version counts in the key.
+        libraries: distributions whose version counts in the key; `kind_libraries`: more of them, by kind.
         random: whether the experiment's seed counts in the key.
         sources: (parameters, project root) -> label -> external file; their bytes count in the key.
+        about: (parameters, project root) -> facts about the external data, for people.
         headline: output files -> figures for the manifest.
         rows: output files -> the rows that people want to see of it; summarise: rows -> a few rows that say the same.
         warm: import string of a function that compiles what `run` needs, called once before workers start; or "".
@@ -121,8 +126,10 @@ class Stage:
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     implementations: Mapping[str, str] = field(default_factory=dict)
     libraries: tuple[str, ...] = ()
+    kind_libraries: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     random: bool = False
     sources: Callable[[Any, Path], Mapping[str, Path]] = _no_sources
+    about: Callable[[Any, Path], Mapping[str, str]] = _no_facts
     headline: Callable[[Mapping[str, Path]], Mapping[str, float]] = _no_headline
     rows: Callable[[Mapping[str, Path]], list[dict[str, Any]]] | None = None
     summarise: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] | None = None
@@ -133,6 +140,10 @@ class Stage:
         kind = str(getattr(chosen, "kind", ""))
         selected = (self.implementations[kind].partition(":")[0],) if kind in self.implementations else ()
         return (self.run.__module__, *selected)
+
+    def versioned(self, chosen: Any) -> tuple[str, ...]:
+        """Distributions whose version counts in the key, for the chosen parameters."""
+        return self.libraries + self.kind_libraries.get(str(getattr(chosen, "kind", "")), ())
 
     def implementation(self, kind: str) -> Callable[..., Any]:
         """The function that the table of implementations names for `kind`, imported now."""

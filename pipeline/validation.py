@@ -89,13 +89,16 @@ def _location(given: Any, loc: tuple[Any, ...]) -> list[Any]:
     """Pydantic's location without the names of union members that it puts between."""
     location: list[Any] = []
     here = given
+    told = False  # the member's name has been passed: a field of the same name may follow
     for index, part in enumerate(loc):
         inside = (isinstance(here, dict) and part in here) or (isinstance(here, list) and isinstance(part, int))
         if inside:
-            here = here[part]
+            here, told = here[part], False
             location.append(part)
-        elif index == len(loc) - 1 and isinstance(here, dict) and here.get("kind") != part:
+        elif index == len(loc) - 1 and isinstance(here, dict) and (told or here.get("kind") != part):
             location.append(part)
+        else:
+            told = True
     return location
 
 

@@ -99,6 +99,14 @@ def _show_experiment(project: Project, console: Console, experiment: Experiment,
     console.result("")
     console.table([{"parameter": name, "value": cell(value)} for name, value in flatten(parameters).items()])
     console.result("")
+    facts = {
+        f"{stage.name}: {name}": text
+        for stage in project.stages.values()
+        for name, text in stage.about(chosen.parameters[stage.name], project.root).items()
+    }
+    console.table([{"data": name, "": text} for name, text in facts.items()])
+    if facts:
+        console.result("")
     console.table([{"stage": row.stage.name, "state": str(row.state), "what": row.stage.summary} for row in rows])
     console.result("")
     console.table(
@@ -116,6 +124,7 @@ def _show_experiment(project: Project, console: Console, experiment: Experiment,
             "points": [{"id": p.id, "overrides": p.overrides, "seed": p.seed} for p in experiment.points],
             "point": chosen.id,
             "parameters": parameters,
+            "data": facts,
             "stages": [_state(row) for row in rows],
             "metrics": metrics,
         }

@@ -104,7 +104,7 @@ def _record(
         "outputs": {name: {"digest": a.digest, "size": a.size} for name, a in outputs.items()},
         "metrics": dict(metrics),
         "warnings": list(warnings),
-        "environment": environment.capture(stage.libraries, task.root),
+        "environment": environment.capture(stage.versioned(task.parameters), task.root),
         "seconds": round(seconds, 4),
     }
     standing = task.store.record(task.key, record)

@@ -6,7 +6,23 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli import Debug, Json, Name, Seed, Sets, add_bring_up, add_verbs, friendly, open_project
+from pipeline.cli import (
+    Debug,
+    DryRun,
+    Force,
+    Jobs,
+    Json,
+    Name,
+    Quiet,
+    Seed,
+    Sets,
+    Verbose,
+    add_bring_up,
+    add_verbs,
+    bring_up,
+    friendly,
+    open_project,
+)
 from stages import STAGES
 
 app = typer.Typer(
@@ -19,7 +35,6 @@ app = typer.Typer(
 )
 
 VERBS = {
-    "ingest": ("ingest", "Read an experiment's demonstrations."),
     "fit": ("dynamics", "Fit the policy: midpoint, mixture and dynamics."),
     "rollout": ("rollout", "Run the policy in simulation, up to the roll-outs."),
     "eval": ("evaluate", "Bring an experiment up to its metrics, and show them."),
@@ -39,6 +54,91 @@ def templates() -> dict[str, str]:
 
 
 add_verbs(app, STAGES, templates)
+
+
+@app.command()
+@friendly
+def ingest(
+    name: Name,
+    sources: Annotated[
+        list[str] | None, typer.Argument(help="Recordings; left.bag+right.bag is one of two files.")
+    ] = None,
+    left: Annotated[str | None, typer.Option(metavar="TOPIC[:PATH]", help="Where the left arm's pose is.")] = None,
+    right: Annotated[str | None, typer.Option(metavar="TOPIC[:PATH]", help="Where the right arm's pose is.")] = None,
+    point: Annotated[
+        str | None, typer.Option(metavar="TOPIC[:PATH]", help="A single point's pose, for one arm.")
+    ] = None,
+    left_wrench: Annotated[str | None, typer.Option(metavar="TOPIC[:PATH]", help="The left arm's force.")] = None,
+    right_wrench: Annotated[str | None, typer.Option(metavar="TOPIC[:PATH]", help="The right arm's force.")] = None,
+    urdf: Annotated[str | None, typer.Option(metavar="FILE", help="Robot description, for TOPIC:fk(LINK).")] = None,
+    clock: Annotated[str | None, typer.Option(help="auto, header or log.")] = None,
+    scale: Annotated[float | None, typer.Option(help="To metres: 0.001 for millimetres.")] = None,
+    divide: Annotated[str | None, typer.Option(help="pauses, times:3.5,8 or topic:/recording.")] = None,
+    test: Annotated[
+        list[str] | None, typer.Option(metavar="SOURCE", help="A source to test on, not to learn from.")
+    ] = None,
+    recover: Annotated[bool, typer.Option("--recover", help="Accept what an unfinished recording holds.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Make an experiment of this name anew.")] = False,
+    sets: Sets = None,
+    seed: Seed = None,
+    jobs: Jobs = None,
+    force: Force = None,
+    dry_run: DryRun = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    debug: Debug = False,
+) -> None:
+    """Read demonstrations; with sources, make the experiment."""
+    from pipeline.console import Console
+    from pipeline.errors import UsageError
+    from stages.ingest.create import Selections
+
+    console = Console(json=json, quiet=quiet, verbose=verbose)
+    selections = Selections(
+        left=left,
+        right=right,
+        point=point,
+        left_wrench=left_wrench,
+        right_wrench=right_wrench,
+        urdf=urdf,
+        clock=clock,
+        scale=scale,
+        recover=recover or None,
+    )
+    if sources:
+        from stages.recordings import ingest_recordings
+
+        if sets or seed is not None or force or dry_run:
+            raise UsageError(
+                "--set, --seed, --force and --dry-run go with an experiment that exists: leave out the sources."
+            )
+        ingest_recordings(
+            open_project(STAGES), console, name, sources, selections, test=test or (), divide=divide, anew=replace
+        )
+        return
+    if selections.given() or divide or test or replace:
+        raise UsageError("--left, --right and the like go with sources: add the recordings, e.g. demo1.bag demo2.bag.")
+    bring_up(STAGES, console, name, "ingest", sets=sets, seed=seed, jobs=jobs, force=force, dry_run=dry_run)
+
+
+@app.command()
+@friendly
+def info(
+    file: Annotated[str, typer.Argument(help="A recording: a file or a folder.")],
+    recover: Annotated[bool, typer.Option("--recover", help="Look at what an unfinished recording holds.")] = False,
+    json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show what is in a recording, and how to ingest it."""
+    from pathlib import Path
+
+    from pipeline.console import Console
+    from stages.recordings import show_information
+
+    show_information(Console(json=json), Path(file), recover=recover)
+
+
 for _verb, (_last, _text) in VERBS.items():
     add_bring_up(app, STAGES, _verb, _last, _text)
 

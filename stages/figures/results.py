@@ -44,9 +44,10 @@ class PointResults:
     @property
     def name(self) -> str:
         """What the point is called: its motion, or what sets it apart in the sweep."""
-        motion = getattr(self.point.parameters["ingest"], "motion", None)
+        ingest = self.point.parameters["ingest"]
+        motion = getattr(ingest, "motion", None)
         if motion is None:
-            return self.point.id
+            return self.point.id if self.point.overrides else str(ingest.dataset)
         return str(motion) if set(self.point.overrides) <= {"ingest.motion"} else f"{motion}, {self.point.id}"
 
     @cached_property

@@ -13,6 +13,7 @@ from stages.evaluate.summary import by_condition, mean
 from stages.figures.accuracy_section import accuracy_section
 from stages.figures.numbers import UNDISTURBED, condition_name, controller_name, joined, number, percent
 from stages.figures.record_sections import certificates, deviations_section, parameters, provenance
+from stages.figures.recordings_section import recordings_section
 from stages.figures.results import Results, label
 from stages.figures.rollout_sections import recovery_section, rollouts_section
 from stages.figures.sampler import sampler_panels
@@ -33,6 +34,7 @@ def lead(results: Results) -> list[Block]:
 def sections(results: Results) -> list[Section]:
     """All sections, in order."""
     made = [
+        recordings_section(results),
         rollouts_section(results),
         accuracy_section(results),
         metrics(results),

@@ -1,0 +1,133 @@
+"""What ``clpv ingest NAME SOURCE…`` does: an experiment and a dataset card out of recordings, or nothing at all."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipeline import advance
+from pipeline.console import Console
+from pipeline.errors import UsageError
+from pipeline.experiment import FILE, NAME, resolve
+from pipeline.project import Project
+from pipeline.store import write_atomically
+from stages.ingest.card import card_path, card_text, read_card
+from stages.ingest.create import NewSource, Selections, division, experiment_text, new_sources, relative
+
+
+def ingest_recordings(
+    project: Project,
+    console: Console,
+    name: str,
+    sources: Sequence[str],
+    selections: Selections,
+    *,
+    test: Sequence[str],
+    divide: str | None,
+    anew: bool,
+) -> None:
+    """Make the experiment `name` from recordings, read them, and write their card.
+
+    Where reading fails, what was there before is there again. Raises UsageError for a name that is taken (without
+    `anew`) or is none, and what reading the recordings raises.
+    """
+    if not NAME.fullmatch(name):
+        raise UsageError(f"{name!r} is no name for an experiment: use letters, digits, dash, dot and underscore.")
+    folder = project.root / "runs" / name
+    if folder.exists() and not anew:
+        raise UsageError(f"runs/{name} exists already: choose another name, or add --replace to make it anew.")
+    if not folder.exists() and card_path(project.root, name).exists():
+        raise UsageError(f"datasets/{name} is the card of other data: choose another name.")
+    found = new_sources(project.root, sources, test)
+    if not (selections.left or selections.right or selections.point):
+        found_by_name = _suggested(found[0], project.root, recover=bool(selections.recover))
+        selections = replace(selections, **found_by_name)
+        chosen = " ".join(f"--{key.replace('_', '-')} {value}" for key, value in found_by_name.items())
+        console.note(f"selected by name and type: {chosen}")
+    if selections.urdf is not None:
+        selections = replace(selections, urdf=relative(project.root, selections.urdf))
+    text = experiment_text(name, found, selections, division(divide))
+    resolve(name, folder, tomllib.loads(text), list(project.stages.values()))
+
+    existed, path = folder.exists(), folder / FILE
+    before = path.read_text(encoding="utf-8") if path.exists() else None
+    try:
+        write_atomically(path, text)
+        experiment = project.experiment(name)
+        ingest = project.stage("ingest")
+        advance.bring_up(project, console, experiment, ingest, jobs=1, force=(), record=False)
+        _write_card(project, name, selections, {f: d for s in found for f, d in zip(s.files, s.sha256, strict=True)})
+    except BaseException:
+        if before is not None:
+            write_atomically(path, before)
+        elif existed:
+            path.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    if anew:
+        (folder / "manifest.json").unlink(missing_ok=True)
+    console.note(f"runs/{name}/{FILE} and datasets/{name}/dataset.toml written; next: 'clpv run {name}'.")
+
+
+def _suggested(source: NewSource, root: Path, *, recover: bool) -> dict[str, Any]:
+    """The selections of a left and a right arm that the topics' names suggest. Raises UsageError where they do not."""
+    from stages.inspect.bag_info import describe
+
+    suggested: dict[str, Any] = {}
+    reason = ""
+    for file in source.files:
+        found = describe(root / file, recover=recover)
+        words = shlex.split(found["command"])
+        reason = found["reason"]
+        if "--urdf" not in words and reason.startswith("By their names"):
+            suggested |= {
+                word.removeprefix("--").replace("-", "_"): words[index + 1]
+                for index, word in enumerate(words)
+                if word in ("--left", "--right", "--left-wrench", "--right-wrench")
+            }
+    if not {"left", "right"} <= set(suggested):
+        name = Path(source.files[0]).name
+        raise UsageError(
+            f"{name}: say where the arms' poses are, with --left and --right (or --point); 'clpv info {name}' lists "
+            f"what is in it. {reason}"
+        )
+    return suggested
+
+
+def _write_card(project: Project, name: str, selections: Selections, files: dict[str, str]) -> None:
+    """Write the dataset's card; what people wrote in an earlier one stays."""
+    from stages.artifacts.demonstrations import read_demonstrations
+
+    ((_, outputs),) = project.artifacts(project.experiment(name), "ingest")
+    demonstrations = [
+        (d.demo, d.split, max(arm.time.shape[0] for arm in d.arms.values()))
+        for d in read_demonstrations(outputs["demonstrations"])
+    ]
+    shown = {key: str(value) for key, value in selections.given().items()}
+    text = card_text(name, files, demonstrations, shown, read_card(project.root, name))
+    write_atomically(card_path(project.root, name), text)
+
+
+def show_information(console: Console, path: Path, *, recover: bool) -> None:
+    """Show what is in a recording, and the line that ingests it."""
+    from stages.inspect.bag_info import describe, lines
+
+    found = describe(path, recover=recover)
+    duration = "" if found["duration"] is None else f", {found['duration']:.2f} s"
+    console.result(f"{found['file']}: {found['format']}, {found['bytes'] / 1e6:.2f} MB{duration}")
+    for sentence in (found["integrity"], found["lost"], *found["notes"]):
+        if sentence:
+            console.result(sentence)
+    console.result("")
+    console.table(lines(found))
+    console.result("")
+    console.result(found["reason"])
+    if found["command"]:
+        console.result(f"    {found['command']}")
+    console.document(found)
