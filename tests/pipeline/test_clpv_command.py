@@ -20,7 +20,8 @@ from stages.cli import VERBS, app, templates
 
 ROOT = Path(__file__).resolve().parents[2]
 
-VERB_NAMES = sorted([*VERBS, *["run", "status", "show", "list", "diff", "verify", "new", "gc", "doctor", "report"]])
+GENERIC = ["run", "status", "show", "list", "diff", "verify", "new", "gc", "doctor"]
+VERB_NAMES = sorted([*VERBS, *GENERIC, "ingest", "info", "report"])
 
 HELP = """\
 Usage: clpv [OPTIONS] COMMAND [ARGS]...
@@ -44,7 +45,8 @@ Commands:
   new      Make a new experiment from a template.
   gc       Remove results that no experiment refers to any more.
   doctor   Check this machine: Python, libraries, store, workers.
-  ingest   Read an experiment's demonstrations.
+  ingest   Read demonstrations; with sources, make the experiment.
+  info     Show what is in a recording, and how to ingest it.
   fit      Fit the policy: midpoint, mixture and dynamics.
   rollout  Run the policy in simulation, up to the roll-outs.
   eval     Bring an experiment up to its metrics, and show them.
