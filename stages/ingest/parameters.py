@@ -112,7 +112,8 @@ class RecordingParameters:
         scale: factor from the recorded unit of length to metres: 0.001 for millimetres.
         division: how one recording becomes several demonstrations.
         trim: whether the rest at both ends is cut off.
-        rest_speed: slower is rest, m/s. 0.005: an order above what a noise of 0.1 mm makes over 0.2 s.
+        rest_speed: slower is rest, m/s (and slower than a share of the motion's own speed). 0.005: an order above what
+            a noise of 0.1 mm makes over 0.2 s.
         longest_gap: longest time without a message, s. 0.5: fifteen frames of a 30 Hz recorder; an arm at 0.2 m/s moves
             0.1 m unseen.
         largest_jump: longest step between two messages that is believed at any speed, m. 0.1: 10 Hz at 1 m/s.

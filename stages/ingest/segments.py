@@ -19,6 +19,9 @@ from stages.ingest.parameters import PauseDivision, RecordingParameters, TimeDiv
 from stages.ingest.recording import Report
 from stages.trajectory import Array
 
+REST_SHARE = 0.05
+"""Rest is slower than this share of the motion's top speed; a minimum-jerk motion loses 0.4 % of its path to it."""
+
 WINDOW = 0.2
 """s. Speeds are of the way made in this time: noise of 0.1 mm then looks like 0.7 mm/s, not like 14 mm/s at 100 Hz."""
 
@@ -124,10 +127,11 @@ def fastest(arms: Mapping[str, Path], span: Span) -> tuple[Array, Array]:
 def moving(arms: Mapping[str, Path], span: Span, rest_speed: float) -> Span:
     """`span` without the rest at both ends: from when an arm first moves to when one last does.
 
-    All of it where none ever is as fast as `rest_speed`, m/s.
+    Rest is slower than `rest_speed`, m/s, and than a share of the motion's own speed (`REST_SHARE`), so that a slow
+    demonstration does not lose its ends.
     """
     times, speeds = fastest(arms, span)
-    moves = np.flatnonzero(speeds >= rest_speed)
+    moves = np.flatnonzero(speeds >= min(rest_speed, REST_SHARE * float(speeds.max())))
     return span if moves.size == 0 else (float(times[moves[0]]), float(times[moves[-1]]))
 
 

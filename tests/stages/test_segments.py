@@ -81,6 +81,17 @@ def test_rest_is_cut_from_when_no_arm_moves():
     assert moving({"point": STAYS}, (0.0, 10.0), 0.01) == (0.0, 10.0)
 
 
+def test_a_slow_motion_keeps_its_ends_and_a_long_rest_goes():
+    s = np.linspace(0.0, 1.0, 10_001)
+    reach = 0.6 * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    slow = Path(time=100 * s, position=np.column_stack([reach, np.zeros_like(s), np.zeros_like(s)]))
+    start, end = moving({"point": slow}, (0.0, 100.0), 0.005)
+    kept = np.interp([start, end], slow.time, reach)
+    assert kept[1] - kept[0] > 0.99 * 0.6
+    late = path((0, 0.0), (200, 0.0), (204, 0.4), (400, 0.4))
+    assert moving({"point": late}, (0.0, 400.0), 0.005) == pytest.approx((200.0, 204.0), abs=0.11)
+
+
 def test_pauses_by_hand():
     near(between_pauses({"point": TWICE}, (0.0, 10.0), 0.01, 0.5), [(0.9, 3.1), (5.9, 8.1)])
     near(between_pauses({"point": TWICE}, (0.0, 10.0), 0.01, 2.5), [(0.0, 3.1), (5.9, 10.0)])
