@@ -107,7 +107,7 @@ def ingest(
         recover=recover or None,
     )
     if sources:
-        from stages.recordings import ingest_recordings
+        from stages.commands import ingest_recordings
 
         if sets or seed is not None or force or dry_run:
             raise UsageError(
@@ -134,7 +134,7 @@ def info(
     from pathlib import Path
 
     from pipeline.console import Console
-    from stages.recordings import show_information
+    from stages.commands import show_information
 
     show_information(Console(json=json), Path(file), recover=recover)
 

@@ -1,4 +1,4 @@
-"""What ``clpv ingest NAME SOURCE…`` does: an experiment and a dataset card out of recordings, or nothing at all."""
+"""What the verbs `clpv ingest NAME SOURCE…` and `clpv info` do: an experiment and a card out of recordings, or nothing."""
 
 from __future__ import annotations
 
