@@ -70,7 +70,10 @@ def friendly(verb: Callable[P, None]) -> Callable[P, None]:
         except ClpvError as error:
             if kwargs.get("debug"):
                 raise
-            _console(kwargs).error(str(error))
+            console = _console(kwargs)
+            console.error(str(error))
+            if not isinstance(error, MismatchError):  # verify has printed its document
+                console.document({"error": str(error), "exit_code": error.exit_code})
             raise typer.Exit(error.exit_code) from None
         except KeyboardInterrupt:
             _console(kwargs).error("interrupted; finished stages are kept.")

@@ -54,7 +54,9 @@ def edited(digests: Mapping[str, str]) -> list[str]:
 def code_digest(definitions: Definitions) -> str:
     """One sha256 over all definitions."""
     lines = [
-        f"{module} {name} {value}" for module in sorted(definitions) for name, value in definitions[module].items()
+        f"{module} {name} {value}"
+        for module in sorted(definitions)
+        for name, value in sorted(definitions[module].items())
     ]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 

@@ -55,7 +55,7 @@ def cache_root() -> Path:
 
 def _digest(package: str) -> str:
     definitions = code.reached(compiled_modules(package))
-    text = "\n".join((code.code_digest(definitions), version("numba"), sys.version, processor()))
+    text = "\n".join((code.code_digest(definitions), version("numba"), version("numpy"), sys.version, processor()))
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

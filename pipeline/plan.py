@@ -117,7 +117,12 @@ def plan(
                 reason = f"waits for {', '.join(missing)}"
                 rows.append(Examined(point=point, stage=stage, state=State.WAITING, reasons=(reason,)))
                 continue
-            found = examiner.examine(stage, point, artifacts)
+            try:
+                found = examiner.examine(stage, point, artifacts)
+            except DataError as error:
+                # A file that has gone makes the stage stale; nothing is asked of the file to say so.
+                rows.append(Examined(point=point, stage=stage, state=State.STALE, reasons=(str(error),)))
+                continue
             if stage.name in force:
                 found = Examined(
                     point=point,

@@ -58,6 +58,10 @@ class Store:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
+    def busy(self) -> bool:
+        """Whether a process is computing into the store: its results may not be named by a record yet."""
+        return any(not _abandoned(path.name) for path in (self.folder / "tmp").glob("*"))
+
     def path(self, digest: str) -> Path:
         """Where the object of a digest lies, or would."""
         return self.folder / "objects" / digest[:2] / digest

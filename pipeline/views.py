@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.console import Console, cell
+from pipeline.editing import edited
 from pipeline.errors import ParameterError, StaleError, StoreError, UsageError, choices
 from pipeline.experiment import FILE, NAME, Experiment, parse_override, resolve
 from pipeline.manifest import read_manifest
@@ -264,7 +264,7 @@ def create(
         raise UsageError(f"runs/{name} exists already: choose another name, or edit runs/{name}/{FILE}.")
     text = templates[template]
     for location, value in map(parse_override, sets):
-        text = _edited(text, location, value)
+        text = edited(text, location, value)
     resolve(name, folder, tomllib.loads(text), list(project.stages.values()))
     try:
         write_atomically(folder / FILE, text)
@@ -276,39 +276,11 @@ def create(
     console.document({"experiment": name, "file": f"runs/{name}/{FILE}"})
 
 
-def _edited(text: str, location: str, value: Any) -> str:
-    """A template with one parameter set: its line replaced where it has one, else added to its table."""
-    table, _, key = location.rpartition(".")
-    head = f"[{table}]"
-    line = f"{key} = {json.dumps(value, ensure_ascii=False)}"
-    lines = text.splitlines()
-    if table and head not in lines:
-        lines += ["", head]
-    begin = lines.index(head) + 1 if table else 0
-    end = next((i for i in range(begin, len(lines)) if lines[i].startswith("[")), len(lines))
-    standing = [i for i in range(begin, end) if lines[i].partition("=")[0].strip() == key]
-    if standing:
-        lines[standing[0]] = line
-    else:
-        lines.insert(begin, line)
-    edited = "\n".join(lines) + "\n"
-    try:
-        reached = _leaves(edited) == {**_leaves(text), location: value}
-    except tomllib.TOMLDecodeError:
-        reached = False
-    if not reached:
-        raise UsageError(f"--set {location}: 'new' sets plain values in plain tables only; edit the file for the rest.")
-    return edited
-
-
-def _leaves(text: str) -> dict[str, Any]:
-    """What a TOML text sets, by dotted name; empty tables set nothing."""
-    return {name: value for name, value in flatten(tomllib.loads(text)).items() if value != {}}
-
-
 def collect_garbage(project: Project, console: Console, names: Sequence[str], *, dry_run: bool) -> None:
     """Remove action records that no experiment leads to as it stands, and objects that no kept record names."""
     store = project.store
+    if store.busy():
+        raise StoreError("A run is going on in this project: wait until it has finished, then collect.")
     kept_keys: set[str] = set()
     for name in names:
         experiment = _one_of(project, name)

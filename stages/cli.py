@@ -109,12 +109,18 @@ def ingest(
     if sources:
         from stages.commands import ingest_recordings
 
-        if sets or seed is not None or force or dry_run:
-            raise UsageError(
-                "--set, --seed, --force and --dry-run go with an experiment that exists: leave out the sources."
-            )
+        if seed is not None or force or dry_run:
+            raise UsageError("--seed, --force and --dry-run go with an experiment that exists: leave out the sources.")
         ingest_recordings(
-            open_project(STAGES), console, name, sources, selections, test=test or (), divide=divide, anew=replace
+            open_project(STAGES),
+            console,
+            name,
+            sources,
+            selections,
+            test=test or (),
+            divide=divide,
+            sets=sets or (),
+            anew=replace,
         )
         return
     if selections.given() or divide or test or replace:

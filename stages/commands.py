@@ -1,4 +1,4 @@
-"""What the verbs `clpv ingest NAME SOURCE…` and `clpv info` do: an experiment and a card out of recordings, or nothing."""
+"""What `clpv ingest NAME SOURCE…` and `clpv info` do: an experiment and a card out of recordings, or nothing."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from typing import Any
 
 from pipeline import advance
 from pipeline.console import Console
-from pipeline.errors import UsageError
-from pipeline.experiment import FILE, NAME, resolve
+from pipeline.editing import edited
+from pipeline.errors import StoreError, UsageError
+from pipeline.experiment import FILE, NAME, parse_override, resolve
 from pipeline.project import Project
 from pipeline.store import write_atomically
 from stages.ingest.card import card_path, card_text, read_card
@@ -29,6 +30,7 @@ def ingest_recordings(
     *,
     test: Sequence[str],
     divide: str | None,
+    sets: Sequence[str] = (),
     anew: bool,
 ) -> None:
     """Make the experiment `name` from recordings, read them, and write their card.
@@ -43,6 +45,8 @@ def ingest_recordings(
         raise UsageError(f"runs/{name} exists already: choose another name, or add --replace to make it anew.")
     if not folder.exists() and card_path(project.root, name).exists():
         raise UsageError(f"datasets/{name} is the card of other data: choose another name.")
+    if folder.exists() and not _made_here(folder / FILE):
+        raise UsageError(f"runs/{name} was not made from recordings: --replace would lose it; choose another name.")
     found = new_sources(project.root, sources, test)
     if not (selections.left or selections.right or selections.point):
         found_by_name = _suggested(found[0], project.root, recover=bool(selections.recover))
@@ -52,16 +56,22 @@ def ingest_recordings(
     if selections.urdf is not None:
         selections = replace(selections, urdf=relative(project.root, selections.urdf))
     text = experiment_text(name, found, selections, division(divide))
+    for location, value in map(parse_override, sets):
+        text = edited(text, location, value)
     resolve(name, folder, tomllib.loads(text), list(project.stages.values()))
 
-    existed, path = folder.exists(), folder / FILE
+    path = folder / FILE
     before = path.read_text(encoding="utf-8") if path.exists() else None
+    existed = anew and folder.exists()
+    if not existed:
+        _claim(folder)
     try:
         write_atomically(path, text)
         experiment = project.experiment(name)
         ingest = project.stage("ingest")
         advance.bring_up(project, console, experiment, ingest, jobs=1, force=(), record=False)
-        _write_card(project, name, selections, {f: d for s in found for f, d in zip(s.files, s.sha256, strict=True)})
+        files = {f: d for source in found for f, d in zip(source.files, source.sha256, strict=True)}
+        demonstrations = _write_card(project, name, selections, files)
     except BaseException:
         if before is not None:
             write_atomically(path, before)
@@ -72,7 +82,43 @@ def ingest_recordings(
         raise
     if anew:
         (folder / "manifest.json").unlink(missing_ok=True)
+    train = sum(split == "train" for _, split, _ in demonstrations)
+    console.note(f"{len(demonstrations)} demonstrations, {train} to learn from, {_counted(project, name)}.")
     console.note(f"runs/{name}/{FILE} and datasets/{name}/dataset.toml written; next: 'clpv run {name}'.")
+    if train < 2:
+        console.warn(
+            f"{name} has {train} demonstration(s) to learn from, and a policy needs two: name more recordings, or make "
+            "several of one with --divide; then ingest again with --replace."
+        )
+
+
+def _made_here(path: Path) -> bool:
+    """Whether an experiment file is one of recordings; one that cannot be read is not."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8")).get("ingest", {})
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+    return isinstance(table, dict) and table.get("kind") == "recording"
+
+
+def _counted(project: Project, name: str) -> str:
+    """What reading and cleaning counted, in words."""
+    from stages.artifacts.parquet import header
+
+    ((_, outputs),) = project.artifacts(project.experiment(name), "ingest")
+    counts = header(outputs["demonstrations"])["counts"]
+    return ", ".join(f"{number} {key.replace('_', ' ')}" for key, number in counts.items() if key != "demonstrations")
+
+
+def _claim(folder: Path) -> None:
+    """Make the experiment's folder, for this call alone. Raises UsageError where another call has just made it."""
+    try:
+        folder.parent.mkdir(exist_ok=True)
+        folder.mkdir()
+    except FileExistsError:
+        raise UsageError(f"runs/{folder.name} exists already: another call has just made it.") from None
+    except OSError as error:
+        raise StoreError(f"runs/{folder.name} cannot be made: {error.strerror}.") from None
 
 
 def _suggested(source: NewSource, root: Path, *, recover: bool) -> dict[str, Any]:
@@ -100,8 +146,10 @@ def _suggested(source: NewSource, root: Path, *, recover: bool) -> dict[str, Any
     return suggested
 
 
-def _write_card(project: Project, name: str, selections: Selections, files: dict[str, str]) -> None:
-    """Write the dataset's card; what people wrote in an earlier one stays."""
+def _write_card(
+    project: Project, name: str, selections: Selections, files: dict[str, str]
+) -> list[tuple[str, str, int]]:
+    """Write the dataset's card; what people wrote in an earlier one stays. Returns (name, split, samples) of each."""
     from stages.artifacts.demonstrations import read_demonstrations
 
     ((_, outputs),) = project.artifacts(project.experiment(name), "ingest")
@@ -112,6 +160,7 @@ def _write_card(project: Project, name: str, selections: Selections, files: dict
     shown = {key: str(value) for key, value in selections.given().items()}
     text = card_text(name, files, demonstrations, shown, read_card(project.root, name))
     write_atomically(card_path(project.root, name), text)
+    return demonstrations
 
 
 def show_information(console: Console, path: Path, *, recover: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import shlex
@@ -150,7 +151,9 @@ def test_a_failed_replacement_leaves_the_old_one(bags: Path, clpv: Invoke) -> No
         (("bags/demo0.bag", "--test", "bags/demo1.bag"), 2, "--test"),
         (("bags/demo0.bag", "--urdf", "robot.urdf"), 2, "robot.urdf"),
         (("bags/demo0.bag", "--clock", "wall"), 2, "ingest.clock"),
-        (("bags/demo0.bag", "--set", "mixture.alpha=1"), 2, "--set"),
+        (("bags/demo0.bag", "--set", "mixture.alfa=1"), 2, "mixture.alfa"),
+        (("bags/demo0.bag", "--seed", "1"), 2, "--seed"),
+        (("bags/demo0.bag", "--divide", "times:nan"), 2, "--divide"),
         (("--left", "/left/pose"), 2, "sources"),
     ],
 )
@@ -195,3 +198,51 @@ def test_a_missing_field_with_its_kinds_name_is_named(bags: Path, clpv: Invoke) 
     result = clpv(bags, "status", "carry", "--set", "ingest.division={kind='times'}")
     assert result.exit_code == 2
     assert "ingest.division.times: must be given" in result.stderr
+
+
+def test_parameters_are_set_in_the_file(bags: Path, clpv: Invoke) -> None:
+    changes = ("--set", "ingest.longest_gap=2.0", "--set", "mixture.alpha=3.0")
+    assert clpv(bags, "ingest", "carry", *sources(bags), *changes).exit_code == 0
+    table = tomllib.loads((bags / "runs/carry/experiment.toml").read_text())
+    assert table["ingest"]["longest_gap"] == 2.0
+    assert table["mixture"]["alpha"] == 3.0
+    assert clpv(bags, "status", "carry", "--json").exit_code == 0
+
+
+def test_an_experiment_of_other_data_is_not_replaced(bags: Path, clpv: Invoke) -> None:
+    assert clpv(bags, "new", "letters").exit_code == 0
+    before = tree(bags)
+    result = clpv(bags, "ingest", "letters", *sources(bags), "--replace")
+    assert result.exit_code == 2
+    assert "not made from recordings" in result.stderr
+    assert tree(bags) == before
+
+
+def test_a_source_that_has_gone_is_said_and_nothing_else_stops(bags: Path, clpv: Invoke) -> None:
+    assert clpv(bags, "ingest", "carry", *sources(bags)).exit_code == 0
+    (bags / "bags" / "demo1.bag").rename(bags / "gone.bag")
+    rows = json.loads(clpv(bags, "status", "--json").stdout)["experiments"][0]["stages"]
+    assert rows[0]["state"] == "stale"
+    assert "demo1.bag" in rows[0]["reasons"][0]
+    assert clpv(bags, "gc", "--dry-run").exit_code == 0
+    assert clpv(bags, "show", "carry").exit_code == 0
+    result = clpv(bags, "run", "carry")
+    assert result.exit_code == 1
+    assert "demo1.bag" in result.stderr
+
+
+def test_clocks_of_two_arms_that_disagree_are_not_believed(bags: Path, clpv: Invoke) -> None:
+    """The left arm's stamps are 0.8 s late; by the log both arms move at once, so L stays."""
+    paths = []
+    for seed in range(2):
+        arms = writers.two_arms(200, seed=seed)
+        late = dataclasses.replace(arms, stamp=arms.stamp + 800_000_000)
+        right = writers.write(bags / "skew", "ros1", "pose", arms, name=f"right{seed}")
+        left = writers.write(bags / "skew", "ros1", "pose", late, name=f"left{seed}")
+        paths.append(f"{os.path.relpath(left, bags)}+{os.path.relpath(right, bags)}")
+    result = clpv(bags, "ingest", "skew", *paths, "--left", "/left/pose", "--right", "/right/pose")
+    assert result.exit_code == 0, result.output
+    assert "clocks of the arms disagree by 0.800 s" in result.stderr
+    assert clpv(bags, "fit", "skew").exit_code == 0
+    figures = json.loads(clpv(bags, "show", "skew", "--json").stdout)["metrics"]["midpoint"]
+    assert figures["separation_m"] == pytest.approx(0.4, abs=1e-3)

@@ -10,7 +10,7 @@ from stages.artifacts.parquet import Column, Schema, records, write
 
 SCHEMA = Schema(
     name="metrics",
-    version=1,
+    version=2,
     columns=(
         Column(name="dataset", type="text"),
         Column(name="controller", type="text"),
@@ -32,6 +32,7 @@ SCHEMA = Schema(
         Column(name="clearance_min_mm", unit="mm"),
         Column(name="gate_closed_steps", type="int"),
         Column(name="recovery_s", unit="s"),
+        Column(name="displaced_step", type="int"),
     ),
 )
 

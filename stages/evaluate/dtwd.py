@@ -14,7 +14,8 @@ from stages.compiled import compiled
 from stages.trajectory import Array
 
 # Gauss-Legendre points a side for the area of a bilinear patch: exact where it is planar and does not fold, so for any
-# planar parallelogram; 1e-8 relative on a patch twisted by 90 degrees; 2 % where a planar one folds.
+# planar parallelogram; 1e-8 relative on a patch twisted by 90 degrees. Where a planar one folds, or is a dart, it is
+# the area swept, counted twice where it is passed twice: more than the area that the plane's formula finds enclosed.
 PATCH_POINTS = 8
 _nodes, _weights = np.polynomial.legendre.leggauss(PATCH_POINTS)
 _NODES = 0.5 * (_nodes + 1.0)

@@ -34,7 +34,8 @@ def run(context: StageContext) -> None:
             samples=context.parameters.samples,
         )
         names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout")
-        rows.append({**{name: getattr(rollout, name) for name in names}, **asdict(compared)})
+        displaced = {"displaced_step": rollout.displaced if rollout.displaced >= 0 else None}
+        rows.append({**{name: getattr(rollout, name) for name in names}, **asdict(compared), **displaced})
     write_metrics(context.outputs["metrics"], rows)
 
 

@@ -18,7 +18,7 @@ def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     groups = group(rows, lambda row: (row["controller"], row["mode"], row["avoidance"], row["condition"]))
     summary = []
     for (controller, mode, avoidance, condition), members in groups.items():
-        coupled = controller != "lpvds" and condition != "none"
+        displaced = [row for row in members if row["displaced_step"] is not None] if controller != "lpvds" else []
         summary.append(
             {
                 "controller": controller,
@@ -29,7 +29,7 @@ def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "arrived": sum(row["outcome"] == "arrived" for row in members),
                 **{name: mean(row[name] for row in members) for name in MEANS},
                 "lyapunov_rise_max": max(row["lyapunov_rise_max"] for row in members),
-                "gate_never_closed": sum(row["gate_closed_steps"] == 0 for row in members) if coupled else None,
+                "gate_never_closed": sum(row["gate_closed_steps"] == 0 for row in displaced) if displaced else None,
                 "recovery_s": mean(row["recovery_s"] for row in members),
             }
         )

@@ -59,6 +59,18 @@ LARGE = 20.0
 HALF_WINDOW = 3
 """Samples on each side, of which the running median is taken: spikes of up to three samples are found."""
 
+SKEW = SECOND // 20
+"""Arms whose stamps differ from the log by more than this, ns, between them were stamped by clocks that disagree."""
+
+TELEPORT = 0.02
+"""m. A step from this length on is hardly motion, if it is faster than `FASTEST` and out of proportion."""
+
+PLAUSIBLE = 1.0
+"""m/s. What an arm at this speed reaches between two samples is motion and no spike; collaborative arms reach it."""
+
+NOTABLE = 0.01
+"""Fraction of an arm's samples removed as spikes that is worth a sentence."""
+
 BLOCK = 50_000
 """Samples whose windows are copied at a time."""
 
@@ -95,6 +107,13 @@ def choose_clock(tracks: Mapping[str, Track], clock: str, source: str, report: R
     """
     problems = {name: header_problem(track) for name, track in tracks.items()}
     if clock == "header":
+        skew = clock_skew(tracks)
+        if skew > SKEW:
+            report.count("header_clocks_apart_ms", round(1e3 * skew / SECOND))
+            report.notes.append(
+                f"{source}: the header clocks of the arms disagree by {skew / SECOND:.3f} s, so their samples are "
+                "paired wrongly unless the recorder was late by that: set ingest.clock to 'log'."
+            )
         for name, track in tracks.items():
             if track.stamp is None:
                 raise DataError(
@@ -115,7 +134,33 @@ def choose_clock(tracks: Mapping[str, Track], clock: str, source: str, report: R
             "recorded are used."
         )
         return "log"
+    skew = clock_skew(tracks)
+    if skew > SKEW:
+        report.count("header_clocks_apart_ms", round(1e3 * skew / SECOND))
+        report.notes.append(
+            f"{source}: the header clocks of the arms disagree by {skew / SECOND:.3f} s; the times at which messages "
+            "were recorded are used."
+        )
+        return "log"
     return "header"
+
+
+def clock_skew(tracks: Mapping[str, Track]) -> int:
+    """By how much, ns, the arms' stamps differ between them from when they were recorded, while all were recorded.
+
+    The difference of the medians of log time minus stamp: one clock and the same transport give nearly none.
+    """
+    stamped = [(t.log_time, t.stamp) for t in tracks.values() if t.stamp is not None and (t.stamp != 0).any()]
+    if len(stamped) < 2:
+        return 0
+    begin, end = max(log.min() for log, _ in stamped), min(log.max() for log, _ in stamped)
+    delays = []
+    for log, stamp in stamped:
+        common = (log >= begin) & (log <= end) & (stamp != 0)
+        if not common.any():
+            return 0
+        delays.append(int(np.median((log - stamp)[common])))
+    return max(delays) - min(delays)
 
 
 def _overlap(times: Sequence[Nanoseconds]) -> bool:
@@ -187,9 +232,14 @@ def clean(track: Track, clock: str, source: str, parameters: RecordingParameters
 
     check_extent(position, total, source, report)
     if parameters.outlier_threshold > 0.0:
-        kept = ~outliers(position, parameters.outlier_threshold)
+        kept = ~outliers(time, position, parameters.outlier_threshold)
         removed = int((~kept).sum())
         report.count("outliers", removed)
+        if removed > NOTABLE * kept.size:
+            report.notes.append(
+                f"{source}: {removed} of {kept.size} samples were removed as spikes; look whether they are motion "
+                "(ingest.outlier_threshold = 0 keeps them)."
+            )
         if removed > TOO_MANY * kept.size:
             raise DataError(
                 source,
@@ -197,7 +247,7 @@ def clean(track: Track, clock: str, source: str, parameters: RecordingParameters
             )
         time, position = time[kept], position[kept]
         quaternion = None if quaternion is None else quaternion[kept]
-    check_jumps(time, position, source, parameters)
+    check_jumps(time, position, source, parameters, report)
     check_moves(position, source)
     if quaternion is not None:
         quaternion = clean_quaternions(quaternion, source, report)
@@ -269,12 +319,13 @@ def check_moves(position: Array, source: str) -> None:
         )
 
 
-def outliers(position: Array, threshold: float) -> NDArray[np.bool_]:
+def outliers(time: Nanoseconds, position: Array, threshold: float) -> NDArray[np.bool_]:
     """Which positions, array, shape (n, 3), metres, are spikes: Hampel's filter on distances from the running median.
 
     A spike is further from the median of its neighbours than `threshold` robust standard deviations of their distances,
-    and than 5 mm.
+    than 5 mm, and than an arm at `PLAUSIBLE` speed moves between two samples: at 10 Hz a short press is motion.
     """
+    least = max(SPIKE, PLAUSIBLE * float(np.median(np.diff(time))) / SECOND)
     width = 2 * HALF_WINDOW + 1
     padded = np.pad(position, ((HALF_WINDOW, HALF_WINDOW), (0, 0)), mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
@@ -282,7 +333,7 @@ def outliers(position: Array, threshold: float) -> NDArray[np.bool_]:
     for begin in range(0, position.shape[0], BLOCK):
         # The median; a partition is ten times as fast as numpy's own median.
         centre[begin : begin + BLOCK] = np.partition(windows[begin : begin + BLOCK], HALF_WINDOW)[..., HALF_WINDOW]
-    found = np.linalg.norm(position - centre, axis=1) > SPIKE
+    found = np.linalg.norm(position - centre, axis=1) > least
     # Few are left: only their windows are looked at.
     suspects = np.flatnonzero(found)
     distances = np.linalg.norm(windows[suspects] - centre[suspects][:, :, None], axis=1)
@@ -290,8 +341,12 @@ def outliers(position: Array, threshold: float) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def check_jumps(time: Nanoseconds, position: Array, source: str, parameters: RecordingParameters) -> None:
+def check_jumps(
+    time: Nanoseconds, position: Array, source: str, parameters: RecordingParameters, report: Report
+) -> None:
     """Refuse a step that no arm makes: longer than `largest_jump`, and too fast or out of proportion to its neighbours.
+
+    A shorter one (from `TELEPORT` metres) that is too fast and, in length too, out of proportion is counted and told.
 
     Steps over a gap are left to the rule for gaps.
     """
@@ -309,6 +364,17 @@ def check_jumps(time: Nanoseconds, position: Array, source: str, parameters: Rec
             f"jumps by {steps[index]:.3f} m within {1e3 * seconds[index]:.0f} ms, "
             f"{(time[index + 1] - time[0]) / SECOND:.3f} s after its first sample: cut the recording there, or raise "
             f"ingest.largest_jump ({parameters.largest_jump:g} m) if that is a motion.",
+        )
+    padded = np.pad(steps, 1)
+    beside = np.maximum(padded[:-2], padded[2:])
+    teleports = (steps > TELEPORT) & (speeds > FASTEST) & (steps > DISPROPORTION * beside)
+    if teleports.any():
+        index = int(np.argmax(teleports))
+        report.count("teleports", int(teleports.sum()))
+        report.notes.append(
+            f"{source}: moves {1e3 * steps[index]:.0f} mm within {1e3 * seconds[index]:.3g} ms, "
+            f"{(time[index + 1] - time[0]) / SECOND:.3f} s after its first sample: was tracking lost there? "
+            f"ingest.largest_jump ({parameters.largest_jump:g} m), set lower, refuses it."
         )
 
 

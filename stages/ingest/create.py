@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,9 +82,11 @@ def division(text: str | None) -> dict[str, Any] | None:
         return {"kind": kind, "topic": rest}
     if kind == "times":
         try:
-            return {"kind": kind, "times": [float(part) for part in rest.split(",")]}
+            times = [float(part) for part in rest.split(",")]
         except ValueError:
-            pass
+            times = []
+        if times and all(map(math.isfinite, times)):
+            return {"kind": kind, "times": times}
     raise UsageError(f"--divide {text}: write pauses, times:3.5,8 (seconds) or topic:/recording.")
 
 

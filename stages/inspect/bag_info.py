@@ -23,7 +23,7 @@ NANOSECONDS = 1e9
 FAR = 20.0
 """Metres that no arm's hand moves: the unit may be millimetres."""
 
-LATE = 1.0
+LATE = 0.2
 """Seconds between stamp and log that are worth a word."""
 
 
@@ -44,6 +44,10 @@ def describe(path: Path, recover: bool = False) -> dict[str, Any]:
         integrity = recording.integrity()
         described = [_topic(topic, clocks[topic.name], candidates, episodes - 1) for topic in topics]
         command, reason = _command(path, topics, candidates, joints)
+        if command and any(
+            one.role == "pose" and (one.extent or 0.0) > FAR and one.text in command for one in candidates
+        ):
+            command += " --scale 0.001"
         spans = [(topic.first, topic.last) for topic in topics if topic.first is not None and topic.last is not None]
         start = min((first for first, _ in spans), default=None)
         end = max((last for _, last in spans), default=None)
@@ -223,10 +227,13 @@ def _other_command(
         return "", f"It holds what an action server was told ({told}), but no pose and no joint positions of an arm."
     lists = [name for topic in topics if topic.type == "rows" for name in topic.fields if name.endswith("]")]
     if lists:
-        column = lists[0].partition("[")[0]
+        columns = list(dict.fromkeys(name.partition("[")[0] for name in lists))
+        sided = {side: next((c for c in columns if side in c.lower()), None) for side in ("left", "right")}
+        left = f"{sided['left'] or columns[0]}[0:3]"
+        right = f"{sided['right']}[0:3]" if sided["left"] and sided["right"] else f"{columns[0]}[3:6]"
         return "", (
-            f"No names say which numbers are positions; select them, such as --left '{column}[0:3]' "
-            f"--right '{column}[3:6]'."
+            "No names say which numbers are positions; look which they are and select them, such as "
+            f"--left '{left}' --right '{right}'."
         )
     if any(topic.type == "rows" for topic in topics):
         return "", "No columns are named like x y z of a left and a right arm; select them, such as --left lx,ly,lz."

@@ -28,6 +28,12 @@ def run(context: StageContext) -> None:
     if not starts:
         raise DataError("rollout.starts", f"no demonstration is of the split {parameters.starts!r}.")
     rollouts = simulate(model, starts, parameters, midpoints.top_speed)
+    pushed = {condition.name for condition in parameters.conditions if condition.displacement is not None}
+    unpushed = [r.rollout for r in rollouts if r.condition in pushed and r.displaced < 0]
+    if unpushed:
+        context.warn(
+            f"{len(unpushed)} roll-outs ended before their displacement, the first {unpushed[0]}: lower at_time."
+        )
     runners = resolve(parameters, midpoints.top_speed)
     details = {
         "top_speed": midpoints.top_speed,

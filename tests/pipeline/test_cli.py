@@ -529,8 +529,11 @@ def test_usage(toy, arguments):
     assert "Traceback" not in result.stderr
 
 
-def test_an_error_with_json_leaves_standard_output_empty(toy):
-    assert said(toy.cli("run", "tyr", "--json"), 2).startswith("There is no experiment")
+def test_an_error_with_json_is_a_document_too(toy):
+    result = toy.cli("run", "tyr", "--json")
+    assert result.exit_code == 2
+    assert json.loads(result.stdout) == {"error": result.stderr[len("error: ") : -1], "exit_code": 2}
+    assert result.stderr.startswith("error: There is no experiment")
 
 
 def test_debug_lets_the_traceback_through(toy):

@@ -151,8 +151,12 @@ def test_a_point_that_the_manifest_does_not_know_is_new(toy):
 
 
 def test_a_source_that_is_not_there(toy):
+    """Reading verbs go on, and say so; a run is refused."""
+    first, *later = states(toy, sets=["read.file=absent.txt"])
+    assert first == ("main", "read", State.STALE, "absent.txt: cannot be read: No such file or directory.")
+    assert {row[2] for row in later} == {State.WAITING}
     with pytest.raises(DataError, match=r"^absent\.txt: cannot be read: No such file or directory\.$"):
-        states(toy, sets=["read.file=absent.txt"])
+        toy.run(sets=["read.file=absent.txt"])
 
 
 def test_a_source_is_digested_once(toy, monkeypatch):

@@ -218,7 +218,7 @@ def test_a_single_moving_point_is_offered_as_one(tmp_path: Path) -> None:
     name = "geometry_msgs/msg/Point"
     point = one_topic("/ball", name, lambda b, k: b.make(name, x=float(k), y=0.0, z=100.0 * k))
     found = describe(writers.write_ros1(tmp_path / "ball.bag", point))
-    assert shlex.split(found["command"])[4:] == ["--point", "/ball"]
+    assert shlex.split(found["command"])[4:] == ["--point", "/ball", "--scale", "0.001"]
     assert found["notes"] == ["/ball moves 900 m: if it is in millimetres, set the scale to 0.001."]
 
 

@@ -185,16 +185,19 @@ def test_spikes_stay_where_that_is_asked():
 
 
 def test_hampel_by_hand():
+    fast = np.arange(15, dtype=np.int64) * 5_000_000  # at 200 Hz an arm moves 5 mm a sample
     position = np.zeros((15, 3))
     position[7] = [0.0, 0.006, 0.0]
     position[3] = [0.0, 0.004, 0.0]
-    found = outliers(position, 6.0)
+    found = outliers(fast, position, 6.0)
     assert np.flatnonzero(found).tolist() == [7]  # .004 is nearer than 5 mm
     # Distances in the window of sample 7 become 1, 2, 3, 30 mm ...: median 2 mm, limit 6 x 1.4826 x 2 = 17.8 mm
     position = np.array([0, 0, 0, 0, 1, -2, 3, 17, -3, 2, -1, 0, 0, 0, 0])[:, None] * np.array([[1e-3, 0, 0]])
-    assert not outliers(position, 6.0)[7]
+    assert not outliers(fast, position, 6.0)[7]
     position[7, 0] = 0.019
-    assert outliers(position, 6.0)[7]
+    assert outliers(fast, position, 6.0)[7]
+    # At 10 Hz 19 mm are less than an arm at 1 m/s moves between two samples: a short press is motion.
+    assert not outliers(20 * fast, position, 6.0).any()
 
 
 def test_many_outliers_are_refused():
@@ -211,7 +214,18 @@ def test_jumps_are_refused_with_their_time():
     sentence = refusal(track(jumped))
     assert "jumps by 0.300 m within 10 ms, 1.500 s after its first sample" in sentence
     assert "raise ingest.largest_jump (0.1 m)" in sentence
-    assert cleaned(track(jumped), largest_jump=0.4)[0].time.size == 200
+    arm, report = cleaned(track(jumped), largest_jump=0.4)
+    assert arm.time.size == 200
+    assert report.counts["teleports"] == 1
+
+
+def test_a_short_teleport_is_told():
+    _, position = reach()
+    jumped = position.copy()
+    jumped[120:] += [0.0, 0.0, 0.09]
+    _, report = cleaned(track(jumped))
+    assert report.counts["teleports"] == 1
+    assert "mm within 10 ms, 1.200 s after its first sample" in report.notes[0]
 
 
 def test_a_motion_faster_than_any_arm_is_a_jump_however_long_it_takes():

@@ -306,7 +306,7 @@ def test_other_texts_of_numbers() -> None:
 
 
 def row(controller: str, condition: str, dtw: float, *, arrived: bool = True, mode: str = "robust") -> dict[str, Any]:
-    names = ("dtw_per_step_mm", "sea_mm2", "steps", "duration_s", "final_error_mm", "recovery_s")
+    names = ("dtw_per_step_mm", "sea_mm2", "steps", "duration_s", "final_error_mm", "recovery_s", "displaced_step")
     found = dict.fromkeys(names, 1.0)
     found |= {"dtw_mm": dtw, "sea_per_step_mm2": 2 * dtw, "lyapunov_rise_max": 0.0, "gate_closed_steps": 0}
     case = {"controller": controller, "mode": mode, "avoidance": "none", "condition": condition}

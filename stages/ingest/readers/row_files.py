@@ -249,13 +249,13 @@ class CsvRecording(RowRecording):
             )
         return int(time.to_integral_value())
 
-    def _number(self, cell: str, column: str, number: int) -> float:
+    def _number(self, cell: str, column: str, number: int) -> float | bool:
         try:
             return float(cell)
         except ValueError:
             if not cell.strip():
                 return math.nan
-            truth = {"true": 1.0, "false": 0.0}.get(cell.strip().lower())
+            truth = {"true": True, "false": False}.get(cell.strip().lower())
             if truth is not None:
                 return truth
             raise DataError(
