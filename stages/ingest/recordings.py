@@ -14,7 +14,8 @@ import numpy as np
 
 from pipeline.errors import DataError, ParameterError
 from stages.ingest import segments
-from stages.ingest.cleaning import SECOND, CleanArm, choose_clock, clean, header_problem
+from stages.ingest.cleaning import CleanArm, clean
+from stages.ingest.clocks import SECOND, arm_name, choose_clock, header_problem
 from stages.ingest.parameters import RecordingParameters, Source, TopicDivision
 from stages.ingest.recording import Nanoseconds, Recording, Report
 from stages.ingest.selections.extractors import Flag
@@ -158,10 +159,7 @@ def _demonstrations(
     """The arms of each demonstration in one recording, cleaned, on a clock that starts at 0."""
     arm_tracks = {name: tracks[name] for name in ARMS if name in tracks}
     clock = choose_clock(arm_tracks, parameters.clock, place, report)
-    arms = {
-        name: clean(track, clock, place if name == "point" else f"{place}, {name} arm", parameters, report)
-        for name, track in arm_tracks.items()
-    }
+    arms = {name: clean(track, clock, arm_name(place, name), parameters, report) for name, track in arm_tracks.items()}
     origin = min(int(arm.time[0]) for arm in arms.values())
     paths = {name: segments.Path(time=_seconds(arm.time, origin), position=arm.position) for name, arm in arms.items()}
     reference = next(iter(arm_tracks.values()))

@@ -9,16 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import DataError
-from stages.ingest.cleaning import (
-    SECOND,
-    choose_clock,
-    clean,
-    clean_quaternions,
-    header_problem,
-    in_order,
-    lateness,
-    outliers,
-)
+from stages.ingest.cleaning import clean, clean_quaternions, in_order, outliers
+from stages.ingest.clocks import SECOND, choose_clock, header_problem, lateness
 from stages.ingest.parameters import RecordingParameters, Source
 from stages.ingest.recording import Report
 from stages.ingest.selections.resolved import Track
