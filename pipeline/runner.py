@@ -120,7 +120,9 @@ class _Scheduler:
             complete = True
         finally:
             if self.executor is not None:
-                _shut_down(self.executor, kill=not complete)
+                # A pool that broke may hold a worker that was just being started: nobody would end it, and waiting for
+                # it would never end either.
+                _shut_down(self.executor, kill=not complete or bool(getattr(self.executor, "_broken", False)))
         if self.failures:
             raise self._failure()
         order = [(point.id, stage.name) for point in self.experiment.points for stage in self.stages]
@@ -264,7 +266,7 @@ class _SweepError(ClpvError):
 
 
 def _shut_down(executor: Executor, *, kill: bool) -> None:
-    """Let an executor go; where the run was interrupted, end its workers at once."""
+    """Let an executor go; where the run was interrupted or a worker died, end its workers at once."""
     if kill:
         processes = list((getattr(executor, "_processes", None) or {}).values())
         executor.shutdown(wait=False, cancel_futures=True)
