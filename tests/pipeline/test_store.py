@@ -288,6 +288,7 @@ def test_what_cannot_be_removed_is_left(store, monkeypatch):
     folder = store.folder / "tmp" / f"{socket.gethostname()}~{dead_process()}~1"
     folder.write_text("a file, not a folder")
     store.prepare()
+    assert folder.exists()
 
 
 WRITER = """
