@@ -1,8 +1,8 @@
 """The metrics of one roll-out against one demonstration, in the units of tables (mm, mm^2). Paper eq. (26), Fig. 3.
 
 Every path metric is of the EXECUTED state, the excursion of a disturbance included: the state x of a coupled system
-never leaves its path, and measuring it would flatter the method. Not here: how the numbers are computed (`dtwd.py`) and
-which roll-out is compared with which demonstration (`stage.py`).
+never leaves its path, and measuring it would flatter the method. Not here: how the numbers are computed (`dtwd.py`,
+`stages/paths.py`) and which roll-out is compared with which demonstration (`stage.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.evaluate.dtwd import dynamic_time_warping, resample_arc, resample_time, swept_error_area
+from stages.evaluate.dtwd import swept_error_area
+from stages.paths import dynamic_time_warping, resample_arc, resample_time
 from stages.trajectory import Array, Trajectory
 
 MM = 1e3

@@ -11,14 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad
 from scipy.spatial.distance import cdist
 
-from stages.evaluate.dtwd import (
-    arc_length,
-    dynamic_time_warping,
-    quadrilateral_area,
-    resample_arc,
-    resample_time,
-    swept_error_area,
-)
+from stages.evaluate.dtwd import quadrilateral_area, swept_error_area
+from stages.paths import arc_length, dynamic_time_warping, resample_arc, resample_time
 
 seeds = st.integers(0, 2**32 - 1)
 
