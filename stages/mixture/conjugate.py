@@ -12,7 +12,7 @@ import math
 import numpy as np
 from scipy.special import multigammaln
 
-from stages.compiled import compiled
+from stages.compiled import inlined
 from stages.trajectory import Array
 
 
@@ -42,7 +42,7 @@ def count_constants(points: int, kappa: float, prior_scatter: Array) -> Array:
     )
 
 
-@compiled
+@inlined
 def log_marginal(table: Array, kappa: float, prior_scatter: Array, constants: Array, scratch: Array) -> float:
     """Return log p(points of one table) from their summed `moments`, shape (1 + d + d (d + 1)/2,).
 
@@ -60,7 +60,7 @@ def log_marginal(table: Array, kappa: float, prior_scatter: Array, constants: Ar
     return float(constants[int(table[0])] - 0.5 * (d + table[0]) * log_determinant(scratch))
 
 
-@compiled
+@inlined
 def log_determinant(matrix: Array) -> float:
     """Return log det of a symmetric positive definite matrix, shape (d, d), from its lower half.
 
@@ -70,10 +70,11 @@ def log_determinant(matrix: Array) -> float:
     if d == 2:
         return math.log(matrix[0, 0] * matrix[1, 1] - matrix[1, 0] * matrix[1, 0])
     if d == 3:
-        first = matrix[1, 1] * matrix[2, 2] - matrix[2, 1] * matrix[2, 1]
-        second = matrix[1, 0] * matrix[2, 2] - matrix[2, 1] * matrix[2, 0]
-        third = matrix[1, 0] * matrix[2, 1] - matrix[1, 1] * matrix[2, 0]
-        return math.log(matrix[0, 0] * first - matrix[1, 0] * second + matrix[2, 0] * third)
+        # By pivots: the sum of six products would cancel where two variances of three are near the floor.
+        second, third = matrix[1, 0] / matrix[0, 0], matrix[2, 0] / matrix[0, 0]
+        pivot = matrix[1, 1] - second * matrix[1, 0]
+        rest = matrix[2, 1] - third * matrix[1, 0]
+        return math.log(matrix[0, 0] * pivot * (matrix[2, 2] - third * matrix[2, 0] - rest * rest / pivot))
     result = 0.0
     for j in range(d):
         for k in range(j):

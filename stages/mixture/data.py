@@ -18,8 +18,15 @@ from stages.trajectory import Array, frozen
 Indices = NDArray[np.int64]
 
 _SOURCE = "training data"
+# The square of what is larger is no number any more, with some room for sums.
+_LARGEST = 1e100
 # Below this fraction of the largest coordinate the spread of the data is rounding, not motion.
 _NO_SPREAD = 1e-9
+# Of the whole path: a difference below it is rounding, which a rotation of the data would change.
+_ROUNDING = 1e-12
+
+LEAST_FLOOR = 1e-10
+"""Smallest variance floor, of the squared rms radius: below it determinants of collinear points are rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +69,7 @@ def check_training_data(position: Array, velocity: Array, lengths: Indices) -> t
     `position`: shape (n, d), metres. `velocity`: shape (n, d), metres per second. `lengths`: shape (m,), the number of
     samples of each demonstration, in order.
 
-    Raises DataError: shapes do not fit, a number is not finite, fewer than d + 2 points.
+    Raises DataError: shapes do not fit, a number is not finite or beyond 1e100, fewer than d + 2 points.
     """
     position = np.ascontiguousarray(position, dtype=np.float64)
     velocity = np.ascontiguousarray(velocity, dtype=np.float64)
@@ -73,10 +80,17 @@ def check_training_data(position: Array, velocity: Array, lengths: Indices) -> t
             f"position and velocity must both have shape (n, d); they have {position.shape} and {velocity.shape}.",
         )
     n, d = position.shape
-    if lengths.ndim != 1 or (lengths < 1).any() or int(lengths.sum()) != n:
-        raise DataError(_SOURCE, f"the demonstrations' lengths must be positive and sum to {n}, not {lengths.sum()}.")
+    if lengths.ndim != 1 or (lengths < 1).any():
+        raise DataError(_SOURCE, f"the demonstrations' lengths must be a row of positive numbers, not {lengths}.")
+    if int(lengths.sum()) != n:
+        raise DataError(
+            _SOURCE, f"the demonstrations' lengths must sum to the {n} samples there are, not {lengths.sum()}."
+        )
     for name, values in (("position", position), ("velocity", velocity)):
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        size = np.abs(values).max(axis=1, initial=0.0)
+        bad = np.flatnonzero(~(size <= _LARGEST))
+        if bad.size and np.isfinite(size[bad[0]]):
+            raise DataError(_SOURCE, f"{name} is {size[bad[0]]:.3g} at sample {bad[0]}: check its unit.")
         if bad.size:
             raise DataError(_SOURCE, f"{name} is not finite at sample {bad[0]}.")
     if n < d + 2:
@@ -88,7 +102,8 @@ def by_arc_length(position: Array, lengths: Indices, count: int | None) -> Indic
     """Return the indices, ascending, of at most `count` samples spread evenly by arc length over all demonstrations.
 
     `position`: shape (n, d), metres. `lengths`: shape (m,), samples of each demonstration, in order. A sample is taken
-    once, so a sparse recording gives fewer than `count`; none, or a count of at least n, takes every sample.
+    once, so a sparse recording gives fewer than `count`; none, or a count of at least n, takes every sample. Of two
+    that are equally near the later one is taken, so that rounding does not decide.
 
     Raises DataError: no demonstration moves.
     """
@@ -101,9 +116,10 @@ def by_arc_length(position: Array, lengths: Indices, count: int | None) -> Indic
     if not arc[-1] > 0.0:
         raise DataError(_SOURCE, "all points are the same: a demonstration must move.")
     targets = (np.arange(count) + 0.5) * (arc[-1] / count)
-    after = np.searchsorted(arc, targets)
-    nearest = np.where(targets - arc[after - 1] < arc[after] - targets, after - 1, after)
-    return np.unique(nearest).astype(np.int64)
+    rounding = _ROUNDING * arc[-1]
+    after = np.searchsorted(arc, targets - rounding)
+    before_is_nearer = (arc[after] - targets) - (targets - arc[after - 1]) > rounding
+    return np.unique(np.where(before_is_nearer, after - 1, after)).astype(np.int64)
 
 
 def numbered(labels: Indices) -> Indices:
@@ -116,8 +132,16 @@ def numbered(labels: Indices) -> Indices:
 
 def check_at_least(location: str, value: float, least: float, *, above: bool = False) -> None:
     """Raise ParameterError unless the parameter at `location` is finite and at least, or only `above`, `least`."""
-    if not np.isfinite(value) or value < least or (above and value == least):
+    if not np.isfinite(value):
+        raise ParameterError(location, f"must be a finite number, not {value}.")
+    if value < least or (above and value == least):
         raise ParameterError(location, f"must be {'more than' if above else 'at least'} {least:g}, not {value}.")
+
+
+def check_at_most(location: str, value: float, most: float) -> None:
+    """Raise ParameterError if the parameter at `location` is more than `most`."""
+    if value > most:
+        raise ParameterError(location, f"must be at most {most:g}, not {value}.")
 
 
 def variance_clipped(covariances: Array, floor: float) -> Array:

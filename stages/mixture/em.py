@@ -13,6 +13,7 @@ from scipy.cluster.vq import ClusterError, kmeans2
 
 from pipeline.errors import DataError
 from stages.mixture.data import (
+    LEAST_FLOOR,
     Indices,
     by_arc_length,
     check_at_least,
@@ -43,7 +44,8 @@ def fit_em(
     """
     _check(parameters)
     position, velocity, lengths = check_training_data(position, velocity, lengths)
-    sampled = by_arc_length(position, lengths, parameters.points)
+    most = None if parameters.points is None else max(parameters.points, position.shape[1] + 2)
+    sampled = by_arc_length(position, lengths, most)
     frame = normalisation(position[sampled])
     points = frame.apply(position[sampled])
     if parameters.components is not None:
@@ -65,8 +67,8 @@ def fit_em(
         mixture=frame.restore(mixture),
         sampled=sampled,
         labels=labels,
-        log_posterior=likelihoods,
-        components_by_sweep=np.full(len(likelihoods), mixture.components),
+        log_posterior=likelihoods[None],
+        components_by_sweep=np.full((1, len(likelihoods)), mixture.components),
         criterion=criterion,
     )
 
@@ -126,4 +128,4 @@ def _check(parameters: EmParameters) -> None:
     for name in ("components", "points"):
         if getattr(parameters, name) is not None:
             check_at_least(f"mixture.{name}", getattr(parameters, name), 1)
-    check_at_least("mixture.variance_floor", parameters.variance_floor, 0.0, above=True)
+    check_at_least("mixture.variance_floor", parameters.variance_floor, LEAST_FLOOR)

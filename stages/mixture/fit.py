@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.mixture.gaussian import GaussianMixture
+from stages.mixture.spread import ChainSpread, chain_spread
 from stages.trajectory import Array, frozen
 
 Indices = NDArray[np.int64]
@@ -21,9 +22,9 @@ class MixtureFit:
         mixture: in metres; components in the order in which the demonstrations first meet them.
         sampled: array, shape (s,), which samples of the training data were clustered.
         labels: array, shape (s,), the component of each of them: the sampler's, before polishing, or the likeliest.
-        log_posterior: array, shape (sweeps,), of the sampler's state after each sweep; EM: the log likelihood of the
-            points before each iteration and after the last.
-        components_by_sweep: array, shape (sweeps,), number of components after each sweep; EM: constant.
+        log_posterior: array, shape (chains, sweeps), of the sampler's state after each sweep; EM, in one row: the log
+            likelihood of the points before each iteration and after the last.
+        components_by_sweep: array, shape (chains, sweeps), number of components after each sweep; EM: constant.
         criterion: Bayesian information criterion by number of components, where it was used to choose; lowest is best.
     """
 
@@ -40,3 +41,8 @@ class MixtureFit:
             values = np.array(getattr(self, name), dtype=np.int64)
             values.flags.writeable = False
             object.__setattr__(self, name, values)
+
+    @property
+    def spread(self) -> ChainSpread:
+        """How far the sampler's chains agree; of no meaning for EM, whose likelihood climbs by itself."""
+        return chain_spread(self.log_posterior, self.components_by_sweep)

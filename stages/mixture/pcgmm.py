@@ -10,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from stages.mixture.data import (
+    LEAST_FLOOR,
     Indices,
     by_arc_length,
     check_at_least,
+    check_at_most,
     check_training_data,
     normalisation,
     numbered,
@@ -20,10 +22,20 @@ from stages.mixture.data import (
 )
 from stages.mixture.fit import MixtureFit
 from stages.mixture.gaussian import GaussianMixture, log_densities
-from stages.mixture.links import Prior, prior, scratch, seat, sweeps
+from stages.mixture.links import sweeps
 from stages.mixture.parameters import PcGmmParameters
 from stages.mixture.polish import polish
+from stages.mixture.seating import Prior, prior, scratch, seat
 from stages.trajectory import Array
+
+# Of the largest speed: what is slower stands still, and its direction is rounding.
+_NO_MOTION = 1e-9
+# Of the similarity at a time: what is computed on the way then stays in the processor's cache.
+_ROWS = 32
+# In rms radii: far below, nothing is similar, far above everything is, and squares are no numbers any more.
+_LENGTH_SCALES = (1e-6, 1e6)
+# Of the sampler: the similarity of all pairs is held in memory, 200 MB of it.
+_MOST_POINTS = 5000
 
 
 def fit_pcgmm(
@@ -39,7 +51,8 @@ def fit_pcgmm(
     """
     _check(parameters)
     position, velocity, lengths = check_training_data(position, velocity, lengths)
-    d = position.shape[1]
+    n, d = position.shape
+    check_at_most("mixture.points", min(parameters.points, n), _MOST_POINTS)
     sampled = by_arc_length(position, lengths, max(parameters.points, d + 2))
     frame = normalisation(position[sampled])  # centred: the prior's mean mu_0 is the mean of the points
     points = frame.apply(position[sampled])
@@ -47,7 +60,7 @@ def fit_pcgmm(
     scatter = variance_clipped((points.T @ points / len(points))[None], parameters.variance_floor)[0]
     alike = similarity(points, velocity[sampled], parameters.length_scale)
     fixed = prior(points, alike, parameters.alpha, parameters.kappa, scatter)
-    tables, log_posteriors, components = _sample(fixed, parameters.sweeps, generator)
+    tables, log_posteriors, components = _sample(fixed, parameters.chains, parameters.sweeps, generator)
     mixture, labels = components_of(points, tables, parameters.kappa, scatter, parameters.variance_floor)
     mixture = polish(mixture, frame.apply(position), parameters.polish, parameters.variance_floor)
     return MixtureFit(
@@ -64,28 +77,40 @@ def similarity(points: Array, velocity: Array, length_scale: float) -> Array:
 
     `points`: shape (n, d), in rms radii. `velocity`: shape (n, d), any unit. `length_scale`: sigma, in rms radii. A
     point that stands still has no direction: its cosine with every other point is taken as 0, so position alone
-    decides.
+    decides. The diagonal is zero: a point's link to itself has a weight of its own.
     """
     speed = np.sqrt((velocity**2).sum(axis=1))
-    moving = speed > 0.0
+    moving = speed > _NO_MOTION * speed.max()
     direction = np.where(moving[:, None], velocity / np.where(moving, speed, 1.0)[:, None], 0.0)
-    cosine = np.zeros((len(points), len(points)))
-    squared = np.zeros_like(cosine)
-    for a in range(points.shape[1]):
-        cosine += direction[:, None, a] * direction[None, :, a]
-        squared += (points[:, None, a] - points[None, :, a]) ** 2
-    return np.asarray((1.0 + np.clip(cosine, -1.0, 1.0)) * np.exp(-squared / (2.0 * length_scale**2)))
+    result = np.empty((len(points), len(points)))
+    for first in range(0, len(points), _ROWS):
+        rows = slice(first, first + _ROWS)
+        cosine, squared = 0.0, 0.0
+        for x, v in zip(points.T, direction.T, strict=True):
+            cosine = cosine + np.multiply.outer(v[rows], v)
+            squared = squared + np.subtract.outer(x[rows], x) ** 2
+        result[rows] = (1.0 + np.clip(cosine, -1.0, 1.0)) * np.exp(-squared / (2.0 * length_scale**2))
+    np.fill_diagonal(result, 0.0)
+    return result
 
 
-def _sample(fixed: Prior, count: int, generator: np.random.Generator) -> tuple[Indices, Array, Indices]:
-    """Return the tables of the most probable of `count` sweeps; of every sweep log posterior and number of tables."""
+def _sample(fixed: Prior, chains: int, length: int, generator: np.random.Generator) -> tuple[Indices, Array, Indices]:
+    """Run chains of `length` sweeps; return the tables of the most probable sweep of all, shape (N,).
+
+    Also the log posterior and the number of tables after every sweep, both of shape (chains, length).
+    """
     n = len(fixed.moments)
-    # Drawn outside the compiled code, so that the bytes depend on numpy's generator alone.
-    orders = generator.permuted(np.tile(np.arange(n), (count, 1)), axis=1)
-    uniforms = generator.random((count, n, 2))
-    best, log_posteriors, components = np.zeros(n, np.int64), np.zeros(count), np.zeros(count, np.int64)
-    sweeps(seat(fixed), fixed, scratch(fixed), orders, uniforms, log_posteriors, components, best)
-    return best, log_posteriors, components
+    tables = np.zeros((chains, n), np.int64)
+    log_posteriors, components = np.zeros((chains, length)), np.zeros((chains, length), np.int64)
+    for chain in range(chains):
+        # Drawn outside the compiled code, so that the bytes depend on numpy's generator alone; chain after chain, so
+        # that those of a chain do not depend on how many follow.
+        orders = generator.permuted(np.tile(np.arange(n), (length, 1)), axis=1)
+        uniforms = generator.random((length, n, 2))
+        # Starts on either side of the answer: that chains from both agree shows that they have forgotten them.
+        start = seat(fixed, None if chain % 2 == 0 else np.maximum(np.arange(n) - 1, 0))
+        sweeps(start, fixed, scratch(fixed), orders, uniforms, log_posteriors[chain], components[chain], tables[chain])
+    return tables[log_posteriors.max(axis=1).argmax()], log_posteriors, components
 
 
 def components_of(
@@ -130,8 +155,11 @@ def _posterior_means(points: Array, labels: Indices, kappa: float, scatter: Arra
 
 
 def _check(parameters: PcGmmParameters) -> None:
-    for name in ("alpha", "length_scale", "kappa", "variance_floor"):
+    for name in ("alpha", "kappa"):
         check_at_least(f"mixture.{name}", getattr(parameters, name), 0.0, above=True)
-    for name in ("sweeps", "points"):
+    for name in ("sweeps", "chains", "points"):
         check_at_least(f"mixture.{name}", getattr(parameters, name), 1)
     check_at_least("mixture.polish", parameters.polish, 0)
+    check_at_least("mixture.length_scale", parameters.length_scale, _LENGTH_SCALES[0])
+    check_at_most("mixture.length_scale", parameters.length_scale, _LENGTH_SCALES[1])
+    check_at_least("mixture.variance_floor", parameters.variance_floor, LEAST_FLOOR)

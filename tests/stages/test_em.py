@@ -48,7 +48,9 @@ def test_a_given_number_of_components_is_kept() -> None:
     found = fit(blobs(), components=5)
     assert found.mixture.components == 5
     assert found.criterion == {}
-    assert (np.diff(found.log_posterior) >= -1e-9).all()
+    assert found.log_posterior.shape == found.components_by_sweep.shape
+    assert len(found.log_posterior) == 1
+    assert (np.diff(found.log_posterior[0]) >= -1e-9).all()
     assert (found.components_by_sweep == 5).all()
 
 
@@ -85,3 +87,6 @@ def test_refusals() -> None:
         fit(np.repeat(x[:2], 10, axis=0), components=5)
     with pytest.raises(ParameterError, match=r"mixture\.restarts"):
         fit(x, restarts=0)
+    with pytest.raises(ParameterError, match=r"mixture\.variance_floor: must be at least 1e-10"):
+        fit(x, variance_floor=1e-12)
+    assert len(fit(x, points=1, components=1).sampled) == 4  # the fewest that a covariance in the plane can be of

@@ -1,58 +1,28 @@
-"""PC-GMM, ref. [32]: the sampler against brute force, and the properties that the mixture is chosen for."""
+"""PC-GMM, ref. [32]: what the mixture is chosen for, its chains, and what it refuses."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.stats import multivariate_t
 
 from pipeline.errors import DataError, ParameterError
-from stages.mixture.conjugate import count_constants, log_determinant, log_marginal, moments
-from stages.mixture.data import by_arc_length, normalisation, numbered
+from stages.dynamics import qlf
+from stages.dynamics.parameters import QlfParameters
+from stages.mixture.data import by_arc_length, normalisation
 from stages.mixture.em import fit_em
 from stages.mixture.fit import MixtureFit
 from stages.mixture.gaussian import log_densities
-from stages.mixture.links import Prior, Seating, draw_link, log_posterior, prior, recount, scratch, seat, sweeps
+from stages.mixture.links import sweeps
 from stages.mixture.parameters import EmParameters, PcGmmParameters
 from stages.mixture.pcgmm import components_of, fit_pcgmm, similarity
+from stages.mixture.seating import Seating
+from stages.mixture.spread import chain_spread, r_hat
+from stages.trajectory import Trajectory
 
 QUICK = PcGmmParameters(sweeps=15, points=150)
-
-
-def marginal(points: np.ndarray, kappa: float, scatter: np.ndarray) -> float:
-    constants = count_constants(len(points), kappa, scatter)
-    return log_marginal(moments(points).sum(axis=0), kappa, scatter, constants, np.zeros_like(scatter))
-
-
-def tiny(n: int, d: int, seed: int = 0) -> Prior:
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=(n, d))
-    points -= points.mean(axis=0)
-    alike = similarity(points, rng.normal(size=(n, d)), 0.9)
-    return prior(points, alike, 0.7, 1.3, np.cov(points.T, bias=True) + np.eye(d))
-
-
-def tables_of(link: np.ndarray) -> np.ndarray:
-    n = len(link)
-    return connected_components(sparse.coo_matrix((np.ones(n), (np.arange(n), link)), shape=(n, n)))[1]
-
-
-def brute_force_log_posterior(link: np.ndarray, fixed: Prior) -> float:
-    """From the definitions alone: the links' normalised prior, and every table's likelihood from its own points."""
-    n, d = len(link), len(fixed.scatter)
-    points = fixed.moments[:, 1 : 1 + d]
-    weights = fixed.similarity.copy()
-    weights[np.arange(n), np.arange(n)] = fixed.alpha
-    result = float(np.log(weights[np.arange(n), link] / weights.sum(axis=1)).sum())
-    tables = tables_of(link)
-    return result + sum(marginal(points[tables == t], fixed.kappa, fixed.scatter) for t in np.unique(tables))
 
 
 def lanes(gap: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,104 +66,20 @@ def test_similarity_by_hand() -> None:
     assert s[0, 2] == 0.0  # opposite
     assert s[0, 3] == 1.0  # one stands still: position alone
     assert s[3, 1] == pytest.approx(math.exp(-0.5))
-    np.testing.assert_allclose(s, s.T)
+    np.testing.assert_array_equal(s, s.T)
+    np.testing.assert_array_equal(np.diag(s), 0.0)  # the link of a point to itself has a weight of its own
     np.testing.assert_array_equal(s, similarity(points, 1e-3 * velocity, 0.5))
+    creeping = np.where(velocity == 0.0, 1e-12, velocity)  # a standstill after rounding
+    np.testing.assert_allclose(similarity(points, creeping, 0.5), s, atol=1e-9)
 
 
-@pytest.mark.parametrize("d", [1, 2, 3, 4, 7])
-def test_determinant(d: int) -> None:
-    root = np.random.default_rng(d).normal(size=(d, d))
-    matrix = root @ root.T + 0.1 * np.eye(d)
-    assert log_determinant(matrix.copy()) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-11)
-
-
-@pytest.mark.parametrize("d", [1, 2, 3, 5])
-def test_marginal_is_the_product_of_student_predictives(d: int) -> None:
-    # The chain rule: each point given those before it is Student's t with parameters of the updated prior.
-    rng = np.random.default_rng(d)
-    points, kappa = rng.normal(size=(6, d)), 0.8
-    scatter = np.eye(d) + 0.3
-    expected = 0.0
-    for n, x in enumerate(points):
-        seen = points[:n]
-        kappa_n, nu_n = kappa + n, d + n
-        mean = seen.sum(axis=0) / kappa_n
-        updated = scatter + seen.T @ seen - kappa_n * np.outer(mean, mean)
-        freedom = nu_n - d + 1
-        shape = updated * (kappa_n + 1) / (kappa_n * freedom)
-        expected += multivariate_t(mean, shape, freedom).logpdf(x)
-    assert marginal(points, kappa, scatter) == pytest.approx(expected, rel=1e-10)
-
-
-@pytest.mark.parametrize(("n", "d"), [(40, 2), (30, 3), (25, 4)])
-def test_tables_stay_what_their_links_and_points_say(n: int, d: int) -> None:
-    fixed = tiny(n, d)
-    state, buffers = seat(fixed), scratch(fixed)
+def test_similarity_does_not_depend_on_how_many_rows_are_computed_at_once() -> None:
     rng = np.random.default_rng(0)
-    tables_met = set()
-    for i in rng.integers(0, n, 1500):
-        draw_link(int(i), rng.random(), rng.random(), state, fixed, buffers)
-        tables_met.add(int(state.used[0]))
-    assert len(tables_met) > 2  # tables were split and joined
-    # Same partition as the connected components of the links.
-    expected = tables_of(state.link)
-    assert len(set(zip(expected, state.table, strict=True))) == len(set(expected)) == state.used[0]
-    # Incremental statistics against a recount from scratch.
-    fresh = Seating(*(np.copy(part) for part in state))
-    recount(fresh, fixed, buffers)
-    used = state.active[: state.used[0]]
-    np.testing.assert_allclose(state.tables[used], fresh.tables[used], atol=1e-11)
-    np.testing.assert_allclose(state.marginal[used], fresh.marginal[used], atol=1e-9)
-    np.testing.assert_allclose(log_posterior(state, fixed), brute_force_log_posterior(state.link, fixed), rtol=1e-11)
-    # The lists of back-links against the links.
-    for j in range(n):
-        linked, i = [], state.first[j]
-        while i >= 0:
-            linked.append(int(i))
-            i = state.after[i]
-        assert sorted(linked) == np.flatnonzero(state.link == j).tolist()
-
-
-@pytest.mark.parametrize("link", [[1, 1, 3, 3, 4], [1, 2, 0, 3, 3], [0, 1, 2, 3, 4]], ids=["chain", "ring", "alone"])
-@pytest.mark.parametrize("d", [2, 3])
-def test_conditional_distribution_of_a_link_agrees_with_enumeration(d: int, link: list[int]) -> None:
-    fixed = tiny(5, d, seed=d)
-    start, buffers = seat(fixed, np.array(link)), scratch(fixed)
-    for i in range(5):
-        posterior = np.zeros(5)
-        for j in range(5):
-            other = np.array(link)
-            other[i] = j
-            posterior[j] = brute_force_log_posterior(other, fixed)
-        expected = np.exp(posterior - posterior.max())
-        drawn = np.zeros(5)
-        # A grid of uniforms instead of random ones: exact up to its spacing.
-        for u_table, u_point in itertools.product((np.arange(80) + 0.5) / 80, (np.arange(40) + 0.5) / 40):
-            state = Seating(*(part.copy() for part in start))
-            draw_link(i, u_table, u_point, state, fixed, buffers)
-            drawn[state.link[i]] += 1.0 / 3200
-        np.testing.assert_allclose(drawn, expected / expected.sum(), atol=0.015)
-
-
-def test_the_chain_visits_partitions_by_their_posterior() -> None:
-    fixed = tiny(4, 2, seed=11)
-    expected: Counter[tuple[int, ...]] = Counter()
-    for link in itertools.product(range(4), repeat=4):
-        weight = math.exp(brute_force_log_posterior(np.array(link), fixed))
-        expected[tuple(numbered(tables_of(np.array(link))))] += weight
-    rng, count = np.random.default_rng(0), 30_000
-    state, buffers = seat(fixed), scratch(fixed)
-    posterior, tables, best = np.zeros(1), np.zeros(1, dtype=np.int64), np.zeros(4, dtype=np.int64)
-    orders = rng.permuted(np.tile(np.arange(4), (count, 1)), axis=1)
-    visits: Counter[tuple[int, ...]] = Counter()
-    for order, uniforms in zip(orders, rng.random((count, 4, 2)), strict=True):
-        sweeps(state, fixed, buffers, order[None], uniforms[None], posterior, tables, best)
-        visits[tuple(numbered(best))] += 1
-    assert len(expected) == 15  # all partitions of four points
-    assert max(expected.values()) < 0.5 * sum(expected.values())
-    for partition, weight in expected.items():
-        # Four standard errors of 30,000 draws that are somewhat correlated.
-        assert visits[partition] / count == pytest.approx(weight / sum(expected.values()), abs=0.015), partition
+    points, velocity = rng.normal(size=(70, 3)), rng.normal(size=(70, 3))
+    s = similarity(points, velocity, 0.5)
+    for i, j in [(0, 69), (31, 32), (33, 2), (64, 63)]:
+        cosine = velocity[i] @ velocity[j] / np.linalg.norm(velocity[i]) / np.linalg.norm(velocity[j])
+        assert s[i, j] == pytest.approx((1 + cosine) * math.exp(-2.0 * ((points[i] - points[j]) ** 2).sum()))
 
 
 @pytest.mark.parametrize(("gap", "most_plain"), [(2.0, 0.65), (3.0, 0.85), (5.0, 1.0)])
@@ -228,7 +114,7 @@ def test_a_fit_is_sound(d: int) -> None:
     assert set(found.labels) == set(range(found.mixture.components))
     assert np.bincount(found.labels).min() >= d + 2
     assert (np.diff(np.unique(found.labels, return_index=True)[1]) > 0).all()  # numbered by their first point
-    assert found.log_posterior.shape == found.components_by_sweep.shape == (QUICK.sweeps,)
+    assert found.log_posterior.shape == found.components_by_sweep.shape == (1, QUICK.sweeps)
     assert np.isfinite(found.log_posterior).all()
 
 
@@ -253,6 +139,58 @@ def test_same_seed_same_bytes_other_seed_other_chain() -> None:
     assert one.mixture.covariances.tobytes() == two.mixture.covariances.tobytes()
     assert one.log_posterior.tobytes() == two.log_posterior.tobytes()
     assert one.log_posterior.tobytes() != other.log_posterior.tobytes()
+
+
+def test_the_first_chain_is_the_same_however_many_follow_and_the_best_state_of_all_is_kept() -> None:
+    data, kept = curve(), set()
+    for seed in range(6):
+        one, three = fit(data, seed=seed), fit(data, replace(QUICK, chains=3), seed)
+        assert three.log_posterior.shape == three.components_by_sweep.shape == (3, QUICK.sweeps)
+        assert three.log_posterior[0].tobytes() == one.log_posterior[0].tobytes()
+        assert three.components_by_sweep[0].tobytes() == one.components_by_sweep[0].tobytes()
+        assert len({chain.tobytes() for chain in three.log_posterior}) == 3
+        chain = int(three.log_posterior.max(axis=1).argmax())
+        assert (three.mixture.covariances.tobytes() == one.mixture.covariances.tobytes()) == (chain == 0)
+        assert three.mixture.components <= three.spread.components[chain]
+        kept.add(chain)
+    assert len(kept) > 1
+
+
+def test_chains_start_from_single_points_and_from_one_table_by_turns_and_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts: list[int] = []
+
+    def watched(state: Seating, *others: object) -> None:
+        starts.append(int(state.used[0]))
+        sweeps(state, *others)
+
+    monkeypatch.setattr("stages.mixture.pcgmm.sweeps", watched)
+    found = fit(curve(), replace(QUICK, chains=4, sweeps=60))
+    assert starts == [len(found.sampled), 1, len(found.sampled), 1]
+    assert found.spread.burn_in <= 20
+    assert found.spread.r_hat < 1.3
+    assert np.ptp(found.spread.best) < 0.05 * abs(found.spread.best.mean())
+
+
+def test_spread_by_hand() -> None:
+    posterior = np.array([[-9.0, -5.0, -2.0, -3.0, -1.0, -3.0, -2.0, -2.5], [-9.0, -8.0, -7.0, 0.0, -1, -2, -2, -3]])
+    components = np.array([[9, 8, 7, 6, 5, 4, 3, 2], [1, 1, 1, 6, 4, 4, 4, 4]])
+    spread = chain_spread(posterior, components)
+    assert spread.burn_in == 4  # 2 and 4: 0.0 is out of the range of what follows
+    np.testing.assert_array_equal(spread.best, [-1.0, 0.0])
+    np.testing.assert_array_equal(spread.components, [5, 6])
+    # Four parts of two, (-1, -3), (-2, -2.5), (-1, -2) and (-2, -3): variances 2, 1/8, 1/2, 1/2.
+    assert spread.r_hat == pytest.approx(math.sqrt(0.5 + np.var([-2, -2.25, -1.5, -2.5], ddof=1) / (3.125 / 4)))
+    assert chain_spread(posterior[:1], components[:1]).burn_in == 2
+
+
+def test_r_hat_tells_mixed_chains_from_others() -> None:
+    draws = np.random.default_rng(0).normal(size=(4, 200))
+    assert r_hat(draws) == pytest.approx(1.0, abs=0.02)
+    assert r_hat(draws + 3.0 * np.arange(4)[:, None]) > 2.0
+    assert r_hat(draws[:1] + np.linspace(0.0, 5.0, 200)) > 1.5  # one chain, still on its way
+    assert r_hat(np.full((2, 10), 7.0)) == 1.0
+    assert r_hat(np.repeat([[1.0], [2.0]], 10, axis=1)) == math.inf
+    assert math.isnan(r_hat(draws[:, :3]))
 
 
 def test_small_tables_are_dissolved_into_their_neighbours() -> None:
@@ -289,6 +227,23 @@ def test_arc_length_sampling_is_even_and_ignores_standing_still() -> None:
     np.testing.assert_array_equal(by_arc_length(position, lengths, 10**6), np.arange(len(position)))
 
 
+def test_arc_length_sampling_leaves_no_choice_to_rounding() -> None:
+    # Targets half-way between samples, on samples, at a standstill and where one demonstration follows another.
+    line = np.linspace([1.0, 2.0], [0.0, 0.0], 101)
+    rest = np.concatenate([np.repeat(line[:1], 50, axis=0), line, np.repeat(line[-1:], 70, axis=0)])
+    middle = np.concatenate([line[:51], np.repeat(line[50:51], 30, axis=0), line[51:]])
+    for demos in ([line], [line] * 2, [line] * 3, [rest] * 2, [middle] * 3, [middle, rest, line]):
+        position, lengths = np.concatenate(demos), np.array([len(demo) for demo in demos])
+        for count in (20, 50, 75, 101):
+            expected = by_arc_length(position, lengths, count)
+            for angle in (0.3, 1.1, 2.5):
+                R = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+                turned = 17.3 * position @ R.T
+                np.testing.assert_array_equal(by_arc_length(turned, lengths, count), expected)
+                jitter = 1e-14 * np.random.default_rng(0).normal(size=position.shape)
+                np.testing.assert_array_equal(by_arc_length(position + jitter, lengths, count), expected)
+
+
 def test_a_demonstration_that_ends_standing_still() -> None:
     position, velocity, lengths = curve()
     velocity = velocity.copy()
@@ -296,33 +251,90 @@ def test_a_demonstration_that_ends_standing_still() -> None:
     assert np.isfinite(fit((position, velocity, lengths)).log_posterior).all()
 
 
-def test_a_straight_line_is_held_up_by_the_floor() -> None:
-    position = np.linspace([0.1, 0.2], [0.0, 0.0], 100)
-    found = fit((position, np.full((100, 2), -1.0), np.array([100])))
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("floor", [1e-4, 1e-10])
+def test_a_straight_line_is_a_motion_and_held_up_by_the_floor(d: int, floor: float) -> None:
+    time = np.linspace(0.0, 1.0, 400)
+    line = np.linspace(np.arange(1, d + 1) * 0.1, np.zeros(d), 400)
+    speed = np.tile(-np.arange(1, d + 1) * 0.1, (400, 1))
+    position, velocity = np.tile(line, (2, 1)), np.tile(speed, (2, 1))
+    found = fit((position, velocity, np.array([400, 400])), replace(QUICK, points=400, variance_floor=floor))
     radius = normalisation(position[found.sampled]).radius
-    assert np.linalg.eigvalsh(found.mixture.covariances).min() >= 0.99 * QUICK.variance_floor * radius**2
+    values = np.linalg.eigvalsh(found.mixture.covariances)
+    np.testing.assert_allclose(values[:, :-1], floor * radius**2, rtol=1e-4)
+    assert (values[:, -1] > 1e-3 * radius**2).all()
+    assert np.isfinite(found.log_posterior).all()
+    if d <= 3 and floor == QUICK.variance_floor:
+        demo = Trajectory(dataset="line", demo="1", split="train", time=time, position=line, velocity=speed)
+        learned = qlf.fit([demo], {"pcgmm": found.mixture}, np.zeros(d), QlfParameters())
+        assert learned.certificate.margin > 0.0
 
 
 def test_refusals() -> None:
     position, velocity, lengths = curve(30)
-    bad = position.copy()
-    bad[11, 1] = np.nan
+    bad, huge = position.copy(), position.copy()
+    bad[11, 1], huge[12, 0] = np.nan, -1e200
     cases: list[tuple[tuple[np.ndarray, ...], str]] = [
         ((bad, velocity, lengths), "position is not finite at sample 11"),
         ((position, bad, lengths), "velocity is not finite at sample 11"),
-        ((position[:3], velocity[:3], np.array([3])), "needs at least 4 points, not 3"),
-        ((np.zeros((90, 2)), velocity, lengths), "a demonstration must move"),
-        ((np.full((90, 2), 0.3), velocity, lengths), "a demonstration must move"),
-        ((position, velocity[:-1], lengths), "must both have shape"),
-        ((position, velocity, np.array([30, 30])), "sum to 90"),
+        ((huge, velocity, lengths), r"position is 1e\+200 at sample 12: check its unit"),
+        ((position[:3], velocity[:3], np.array([3])), "a mixture in 2 dimensions needs at least 4 points, not 3"),
+        ((position[:1], velocity[:1], np.array([1])), "a mixture in 2 dimensions needs at least 4 points, not 1"),
+        ((position[:0], velocity[:0], np.array([], int)), "a mixture in 2 dimensions needs at least 4 points, not 0"),
+        ((np.zeros((90, 2)), velocity, lengths), "all points are the same: a demonstration must move"),
+        ((np.full((90, 2), 0.3), velocity, lengths), "all points are the same: a demonstration must move"),
+        ((position, velocity[:-1], lengths), r"must both have shape \(n, d\); they have \(90, 2\) and \(89, 2\)"),
+        ((position, velocity[:, :1], lengths), r"must both have shape \(n, d\); they have \(90, 2\) and \(90, 1\)"),
+        ((position[:, 0], velocity[:, 0], lengths), r"must both have shape \(n, d\); they have \(90,\) and \(90,\)"),
+        ((position, velocity, np.array([30, 30])), "must sum to the 90 samples there are, not 60"),
+        ((position, velocity, np.array([100, -10])), r"must be a row of positive numbers, not \[100 -10\]"),
     ]
     for data, message in cases:
         for points in (20, 500):
-            with pytest.raises(DataError, match=message):
+            with pytest.raises(DataError, match=rf"^training data: .*{message}\.$"):
                 fit(data, replace(QUICK, points=points))
-    for name in ("alpha", "length_scale", "kappa", "variance_floor", "sweeps", "points"):
-        with pytest.raises(ParameterError, match=rf"mixture\.{name}"):
-            fit((position, velocity, lengths), replace(QUICK, **{name: 0}))
-    with pytest.raises(ParameterError, match=r"mixture\.polish"):
-        fit((position, velocity, lengths), replace(QUICK, polish=-1))
-    assert fit((position, velocity, lengths), replace(QUICK, polish=0)).mixture.components >= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("alpha", 0.0, "must be more than 0, not 0.0"),
+        ("alpha", math.nan, "must be a finite number, not nan"),
+        ("kappa", -1.0, "must be more than 0, not -1.0"),
+        ("length_scale", 0.0, "must be at least 1e-06, not 0.0"),
+        ("length_scale", 1e200, r"must be at most 1e\+06, not 1e\+200"),
+        ("variance_floor", 0.0, "must be at least 1e-10, not 0.0"),
+        ("variance_floor", math.inf, "must be a finite number, not inf"),
+        ("sweeps", 0, "must be at least 1, not 0"),
+        ("chains", 0, "must be at least 1, not 0"),
+        ("points", 0, "must be at least 1, not 0"),
+        ("points", 5001, "must be at most 5000, not 5001"),
+        ("polish", -1, "must be at least 0, not -1"),
+    ],
+)
+def test_parameters_out_of_range(name: str, value: float, message: str) -> None:
+    with pytest.raises(ParameterError, match=rf"^mixture\.{name}: {message}\.$"):
+        fit(curve(2000), replace(QUICK, **{name: value}))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("alpha", 1e300),
+        ("alpha", 1e-300),
+        ("kappa", 1e300),
+        ("kappa", 1e-300),
+        ("length_scale", 1e-6),
+        ("length_scale", 1e6),
+        ("variance_floor", 1e-10),
+        ("variance_floor", 1e3),
+        ("polish", 0),
+        ("points", 1),
+        ("points", 10**9),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_extreme_parameters_still_give_a_mixture(name: str, value: float) -> None:
+    found = fit(curve(60), replace(QUICK, **{name: value}))
+    assert found.mixture.components >= 1
+    assert np.isfinite(found.log_posterior).all()
