@@ -7,7 +7,8 @@ where there is one, the command that helps. Data stays on the error as fields.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 EXIT_DONE = 0
 EXIT_FAILED = 1
@@ -62,16 +63,20 @@ class SolverError(ClpvError):
     Attributes:
         status: what the solver said.
         residuals: named residuals of its last iterate.
+        program: the arrays and numbers of the program by name, to be saved for study, or None.
     """
 
-    def __init__(self, problem: str, status: str, residuals: dict[str, float]) -> None:
+    def __init__(
+        self, problem: str, status: str, residuals: dict[str, float], program: Mapping[str, Any] | None = None
+    ) -> None:
         super().__init__(problem)
         self.problem = problem
         self.status = status
         self.residuals = residuals
+        self.program = program
 
-    def __reduce__(self) -> tuple[type[SolverError], tuple[str, str, dict[str, float]]]:
-        return type(self), (self.problem, self.status, self.residuals)
+    def __reduce__(self) -> tuple[type[SolverError], tuple[str, str, dict[str, float], Mapping[str, Any] | None]]:
+        return type(self), (self.problem, self.status, self.residuals, self.program)
 
 
 class StoreError(ClpvError):

@@ -1,60 +1,37 @@
-"""The semidefinite program of the LPV-DS, eqs. (7) and (8), in Gram form, by Clarabel called directly.
+"""The semidefinite program of the LPV-DS, eqs. (7) and (8): its answer, how good that is, and what is done if it fails.
 
-f is linear in A = [A_1 ... A_K], so eq. (7), squared as its text says, is tr(A G A') - 2 tr(A H') + const with G =
-Phi Phi'/n and H = Xdot Phi'/n: one pass over the data, after which the program is as small for 300,000 samples as for
-3,000. It is solved without units: lengths by the rms distance to the goal, speeds by the rms speed, each A_k by its
-component's share of the data. The optimality of the answer is recomputed here. Not here: the proof that the answer is
-stable (`certificate.py`).
+In Gram form its size and time do not depend on the number of samples; where components overlap so much that the Gram
+matrix has lost their difference, and where the Gram form fails, it is solved unsquared, by a QR factorisation of the
+samples. Eq. (7) squared, as its text says, or as it is printed. The optimality of the answer is recomputed here. Not
+here: the samples (`regression.py`), units (`scaling.py`), the solver (`conic.py`), the last digits (`sharpen.py`), the
+proof that the answer is stable (`certificate.py`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-import clarabel
 import numpy as np
-from numpy.typing import NDArray
-from scipy import sparse
+from scipy.linalg import lapack
 
-from pipeline.errors import DataError, SolverError
-from stages.dynamics.kernels import ModelArrays, normal_equations
+from pipeline.errors import SolverError
+from stages.dynamics.conic import SOLVED, Answer, minimise_gram, minimise_unsquared, pull, slack, whole
+from stages.dynamics.regression import LeastSquares, reweighted
+from stages.dynamics.scaling import Scaled, scale, unsquared
+from stages.dynamics.sharpen import sharpen
 from stages.trajectory import Array, frozen
 
-Indices = NDArray[np.int64]
+# Reciprocal condition of the scaled Gram matrix, below which its rounding, 1e-16, moves A_k by more than 1e-6.
+_SMALLEST_CONDITION = 1e-10
+# Of the rms speed: smaller residuals count quadratically, so that the un-squared loss has a gradient.
+_FLOOR = 0.01
+# Rounds of re-weighting end when one lowers the loss by less than this share, or at the most.
+_CHANGE = 1e-5
+_ROUNDS = 60
 
-_SOURCE = "training data"
-_SOLVED = "Solved"
-# Of the solver, in turn: where the first is beyond its reach ("almost solved"), Clarabel's own default will do.
-_SOLVER_TOLERANCES = (1e-9, 1e-8)
-# Clarabel goes 0.99 of the way to the boundary of the cone. Shorter steps keep away from where rounding is amplified:
-# a rotation of the LASA data then moves A_k by 2e-7 of its size (99 of 100 fits), not 2e-5, for two more iterations.
-_STEP_FRACTION = 0.9
-_REFINEMENT = 1e-15
-# Of the largest component's share of the data: a component with less has no data to speak of.
-_SMALLEST_ENERGY = 1e-8
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LeastSquares:
-    """The data of eq. (7): mean |A Phi - xdot|^2 = tr(A G A') - 2 tr(A H') + mean_square_speed.
-
-    Attributes:
-        gram: array, shape (K d, K d), G, square metres.
-        cross: array, shape (d, K d), H, m^2/s.
-        mean_square_distance: of the samples from the goal, square metres.
-        mean_square_speed: (m/s)^2.
-    """
-
-    gram: Array
-    cross: Array
-    mean_square_distance: float
-    mean_square_speed: float
-
-    def __post_init__(self) -> None:
-        for name in ("gram", "cross"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+Form = Literal["gram", "qr"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,113 +40,191 @@ class Solution:
 
     Attributes:
         matrices: array, shape (K, d, d), A_k, 1/s.
+        multipliers: array, shape (K, d, d), Z_k, positive semidefinite: a change of P changes `value` by
+            sum_k <Z_k, A_k'dP + dP A_k>.
         status: what the solver said; always ``Solved``.
-        iterations: of the solver.
-        objective: mean |f - xdot|^2, (m/s)^2. Paper eq. (7), squared.
+        form: ``gram``, or ``qr``: the regression had to be solved unsquared.
+        iterations: of the solver; of `solve_norm`, of all rounds together.
+        refinements: Newton steps after them, `sharpen.py`; 0: a loose answer, or one known to about sqrt(1e-9) only.
+        objective: without the ridge, mean |f - xdot|^2, (m/s)^2; of `solve_norm`, mean |f - xdot|, m/s. Paper eq. (7).
+        value: what was minimised, the ridge included, in units of the mean squared speed, or of the rms speed.
         residuals: recomputed here, without units: ``feasibility`` (largest violation of eq. (8)), ``stationarity``,
             ``dual`` (of the multipliers' sign) and ``gap`` (complementarity).
+        descent: of `solve_norm`: `value` before its first round and after each.
     """
 
     matrices: Array
+    multipliers: Array
     status: str
+    form: Form
     iterations: int
+    refinements: int
     objective: float
+    value: float
     residuals: dict[str, float]
+    descent: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrices", frozen(self.matrices))
-
-
-def least_squares(position: Array, velocity: Array, model: ModelArrays) -> LeastSquares:
-    """Gather the data of eq. (7) in one pass. Paper eqs. (6), (7).
-
-    `position`, `velocity`: shape (n, d), metres and m/s. Of `model` only the mixture and the goal are read.
-
-    Raises DataError: every point is at the goal, or nothing ever moves.
-    """
-    K, d = model.means.shape
-    gram, cross = np.empty((K * d, K * d)), np.empty((d, K * d))
-    distance, speed = normal_equations(position, velocity, model, np.empty(K), gram, cross)
-    n = len(position)
-    if not speed > 0.0:
-        raise DataError(_SOURCE, "every velocity is zero: a demonstration must move.")
-    if not distance > 0.0:
-        raise DataError(_SOURCE, "every point is at the goal: a demonstration must move.")
-    return LeastSquares(gram=gram / n, cross=cross / n, mean_square_distance=distance / n, mean_square_speed=speed / n)
+        for name in ("matrices", "multipliers"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def solve(
-    problem: LeastSquares, margin: float, lyapunov_matrix: Array | None = None, tolerance: float = 1e-6
+    problem: LeastSquares,
+    margin: float,
+    lyapunov_matrix: Array | None = None,
+    tolerance: float = 1e-6,
+    *,
+    loose: bool = False,
 ) -> Solution:
     """Minimise eq. (7), squared, subject to A_k'P + P A_k <= -margin I for every k. Paper eqs. (7), (8).
 
-    `margin`: 1/s times the unit of P. `lyapunov_matrix`: P, shape (d, d); none: I, as in eq. (8). `tolerance`:
-    largest of the recomputed residuals that is accepted.
+    Where `refinements` is positive, the answer is exact but for rounding, times the condition of the Gram matrix: so a
+    turned program, or one in other units, has the same answer, turned or in those units. It is 0 where that condition
+    is so bad, about 1e10 or worse, that rounding decides, and where Newton's method fails. The value, and the
+    constraints, then still hold to the tolerance, but A_k itself is known no better than the data determine it.
 
-    Raises SolverError: the solver's status is not ``Solved``, or a residual is above the tolerance.
+    `margin`: 1/s times the unit of P. `lyapunov_matrix`: P, shape (d, d), symmetric positive definite; none: I, as in
+    eq. (8). `tolerance`: largest of the recomputed residuals that is accepted. `loose`: an answer to compare candidates
+    by, without its last digits; where it is not within the tolerance, it is solved to the end.
+
+    Raises SolverError: the solver's status is not ``Solved``, or a residual is above the tolerance. The error keeps the
+    program, for `stages.dynamics.saved.save_problem`.
     """
-    d = problem.cross.shape[0]
-    K = problem.cross.shape[1] // d
-    P = np.eye(d) if lyapunov_matrix is None else np.asarray(lyapunov_matrix, dtype=np.float64)
-    rate = math.sqrt(problem.mean_square_speed / problem.mean_square_distance)
-    gram, cross, share = _scaled(problem, K, d)
+    P = np.eye(problem.dimension) if lyapunov_matrix is None else np.asarray(lyapunov_matrix, dtype=np.float64)
+    scaled = scale(problem, margin, P)
+    attempts: list[tuple[Form, bool]] = [("gram", True), ("gram", False)] if loose else [("gram", False)]
+    if problem.rows is not None:
+        attempts.insert(0 if _overlaps(scaled.gram) else len(attempts), ("qr", False))
+    failures = []
+    for form, loosely in attempts:
+        try:
+            return _attempt(problem, scaled, form, loosely, tolerance)
+        except SolverError as error:
+            failures.append(error)
+    failures[0].program = _program(problem, margin, P, tolerance, loose)
+    raise failures[0]
 
-    # The variables are the rows of B = [share_1 A_1 ... share_K A_K]/rate: the quadratic term is d copies of 2 G.
-    rows, columns, layout = _gram_pattern(K, d)
-    quadratic = sparse.csc_matrix((np.tile(2.0 * gram[rows, columns], d), *layout), shape=(K * d * d, K * d * d))
-    linear = -2.0 * cross.ravel()
-    constraint = _constraint(K, d, P.tobytes())
-    bound = -(margin / rate) * np.kron(share, _svec(np.eye(d)))
-    cones = [clarabel.PSDTriangleConeT(d)] * K
-    for solver_tolerance in _SOLVER_TOLERANCES:
-        settings = _settings(solver_tolerance)
-        answer = clarabel.DefaultSolver(quadratic, linear, constraint, bound, cones, settings).solve()
-        if str(answer.status) == _SOLVED:
+
+def solve_norm(
+    problem: LeastSquares, margin: float, lyapunov_matrix: Array | None = None, tolerance: float = 1e-6
+) -> Solution:
+    """As `solve`, of eq. (7) as it is printed, un-squared: mean |f - xdot|, by weighting the squares anew each round.
+
+    The weights are 1/max(|f - xdot|, 1 % of the rms speed), of the round before: every round minimises an upper bound
+    that touches the loss where it is, so that the loss never rises (Weiszfeld; K. Lange, MM Optimization Algorithms,
+    2016). A ridge keeps the weight that it has beside residuals as large as the rms speed. Rounds end when one lowers
+    the loss by less than 1e-5 of it, at the latest after 60. `problem.rows` must be known.
+    """
+    rms = math.sqrt(problem.mean_square_speed)
+    solution = solve(problem, margin, lyapunov_matrix, tolerance)
+    iterations, refinements, descent = solution.iterations, solution.refinements, []
+    while True:
+        again, mean, bound = reweighted(problem, solution.matrices, _FLOOR * rms)
+        ridge = 0.0
+        if problem.ridge is not None:
+            distances = ((solution.matrices - problem.ridge.centres) ** 2).sum(axis=(1, 2))
+            ridge = float(problem.ridge.weights @ distances) / (2.0 * rms)
+        descent.append((bound + ridge) / rms)
+        if len(descent) > 1 and (descent[-2] - descent[-1] <= _CHANGE * descent[-1] or len(descent) > _ROUNDS):
             break
+        solution = solve(again, margin, lyapunov_matrix, tolerance)
+        iterations += solution.iterations
+        refinements += solution.refinements
+        # By how much a change of the weighted squares changes the loss, in the units of both.
+        unit = again.mean_square_speed / (2.0 * rms**2)
+    return replace(
+        solution,
+        multipliers=unit * solution.multipliers,
+        iterations=iterations,
+        refinements=refinements,
+        objective=mean,
+        value=descent[-1],
+        descent=tuple(descent),
+    )
 
-    x, z = np.asarray(answer.x), np.asarray(answer.z)
-    B = x.reshape(d, K * d)
-    A = (B / np.repeat(share, d)).reshape(d, K, d).transpose(1, 0, 2)
-    slack, multiplier = (bound - constraint @ x).reshape(K, -1), z.reshape(K, -1)
-    stationarity = (2.0 * B @ gram).ravel() + linear + constraint.T @ z
-    residuals = {
-        "feasibility": max(0.0, -_smallest_eigenvalue(slack / share[:, None], d)) / max(1.0, float(np.abs(A).max())),
-        "stationarity": float(np.abs(stationarity).max()) / max(1.0, float(np.abs(linear).max())),
-        "dual": max(0.0, -_smallest_eigenvalue(multiplier, d)),
-        "gap": abs(float((slack * multiplier).sum())),
-    }
-    _accept(str(answer.status), int(answer.iterations), residuals, tolerance)
-    relative = 1.0 + float(x @ linear) + float(((B @ gram) * B).sum())
+
+def _overlaps(gram: Array) -> bool:
+    """Whether a Gram matrix is so badly conditioned that what it says of the difference of components is rounding."""
+    factor, failed = lapack.dpotrf(gram)
+    if failed:
+        return True
+    condition, _ = lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()))
+    return bool(condition < _SMALLEST_CONDITION)
+
+
+def _attempt(problem: LeastSquares, scaled: Scaled, form: Form, loose: bool, tolerance: float) -> Solution:
+    """Solve the program in one form, and recompute how good the answer is. Raises SolverError as `solve` does."""
+    d, K = problem.dimension, problem.components
+    if form == "gram":
+        answer = _minimised(scaled, loose)
+        B = answer.x.reshape(d, K * d)
+        image = (scaled.gram @ answer.x).reshape(d, K * d) if problem.coupled else B @ scaled.gram
+        linear = -2.0 * scaled.cross.ravel()
+        slope = (2.0 * image).ravel() + linear
+        value = scaled.constant + float(answer.x @ linear) + float((image * B).sum())
+    else:
+        factor, target, rest = unsquared(problem, scaled)
+        answer = sharpen(scaled.gram, scaled.cross, scaled.limits, minimise_unsquared(factor, target, scaled.limits))
+        left = factor @ answer.x.reshape(target.T.shape).T - target
+        linear = (-2.0 * target.T @ factor).ravel()
+        slope = (2.0 * left.T @ factor).ravel()
+        value = rest + float((left**2).sum())
+    residuals = _residuals(scaled, answer, slope, linear)
+    _accept(answer, residuals, tolerance)
     return Solution(
-        matrices=rate * A,
-        status=str(answer.status),
-        iterations=int(answer.iterations),
-        objective=max(0.0, relative) * problem.mean_square_speed,
+        matrices=scaled.rate * scaled.matrices(answer.x),
+        multipliers=whole(answer.z * (scaled.share / (scaled.rate * scaled.stiffness))[:, None], d),
+        status=answer.status,
+        form=form,
+        iterations=answer.iterations,
+        refinements=answer.refinements,
+        objective=max(0.0, value - scaled.excess(answer.x)) * problem.mean_square_speed,
+        value=value,
         residuals=residuals,
     )
 
 
-def _scaled(problem: LeastSquares, K: int, d: int) -> tuple[Array, Array, Array]:
-    """Return G and H without units, every component scaled to one size, and the roots of the shares, shape (K,)."""
-    gram = problem.gram / problem.mean_square_distance
-    cross = problem.cross / math.sqrt(problem.mean_square_distance * problem.mean_square_speed)
-    energy = gram.diagonal().reshape(K, d).sum(axis=1)
-    # A component without data is given a little of x' = -rate z: otherwise nothing would bound its A_k.
-    lacking = np.maximum(0.0, _SMALLEST_ENERGY * energy.max() - energy)
-    gram = gram + np.diag(np.repeat(lacking / d, d))
-    cross = cross - np.kron(lacking / d, np.eye(d))
-    share = np.sqrt(energy + lacking)
-    weight = np.repeat(share, d)
-    return gram / weight[:, None] / weight[None, :], cross / weight, share
+def _minimised(scaled: Scaled, loose: bool) -> Answer:
+    """Return the answer in Gram form: a loose one, sharpened unless that will do; where it fails, the solver's best."""
+    gram, cross, limits = scaled.gram, scaled.cross, scaled.limits
+    answer = minimise_gram(gram, cross, limits, loose=True)
+    if not loose:
+        answer = sharpen(gram, cross, limits, answer)
+        if not answer.refinements:
+            answer = sharpen(gram, cross, limits, minimise_gram(gram, cross, limits, loose=False))
+    return answer
 
 
-def _accept(status: str, iterations: int, residuals: dict[str, float], tolerance: float) -> None:
+def _residuals(scaled: Scaled, answer: Answer, slope: Array, linear: Array) -> dict[str, float]:
+    """Return how far an answer is from optimal; `slope` is the gradient of what is minimised, `linear` that at 0."""
+    K, d = len(scaled.share), scaled.limits.derivatives.shape[1]
+    B = answer.x.reshape(d, K, d)
+    left = slack(scaled.limits, B)
+    stationarity = slope + pull(scaled.limits, answer.z).ravel()
+    infeasible, negative = _shortfalls(np.stack([left / scaled.share[:, None], answer.z]), d)
+    return {
+        "feasibility": infeasible / max(1.0, float(np.abs(scaled.matrices(answer.x)).max())),
+        "stationarity": float(np.abs(stationarity).max()) / max(1.0, float(np.abs(linear).max())),
+        "dual": negative,
+        "gap": abs(float((left * answer.z).sum())),
+    }
+
+
+def _shortfalls(halves: Array, d: int) -> list[float]:
+    """Return by how much the smallest eigenvalue of each row of symmetric matrices is below 0; 0: by nothing."""
+    if not np.isfinite(halves).all():
+        return [math.inf] * len(halves)
+    return [max(0.0, -float(values.min())) for values in np.linalg.eigvalsh(whole(halves, d))]
+
+
+def _accept(answer: Answer, residuals: dict[str, float], tolerance: float) -> None:
     """Raise SolverError unless the solver says ``Solved`` and every residual is within the tolerance."""
-    if status != _SOLVED:
+    if answer.status != SOLVED:
         raise SolverError(
-            f"The program of the LPV-DS was not solved: the solver says {status} after {iterations} iterations; "
-            "fewer mixture components or smoother velocities may help.",
-            status,
+            f"The program of the LPV-DS was not solved: the solver says {answer.status} after {answer.iterations} "
+            "iterations; fewer mixture components or smoother velocities may help.",
+            answer.status,
             residuals,
         )
     for name, value in residuals.items():
@@ -177,63 +232,25 @@ def _accept(status: str, iterations: int, residuals: dict[str, float], tolerance
             raise SolverError(
                 f"The answer of the LPV-DS program is not accurate enough: its residual '{name}' is {value:.2g}, "
                 f"more than dynamics.tolerance = {tolerance:g}.",
-                status,
+                answer.status,
                 residuals,
             )
 
 
-@lru_cache(maxsize=2)
-def _settings(tolerance: float) -> clarabel.DefaultSettings:
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.direct_solve_method = "qdldl"
-    settings.presolve_enable = False
-    # The scaling here is better: the solver's own treats coordinates apart, so that a rotation would change the digits.
-    settings.equilibrate_enable = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.max_step_fraction = _STEP_FRACTION
-    settings.iterative_refinement_reltol = settings.iterative_refinement_abstol = _REFINEMENT
-    settings.iterative_refinement_max_iter = 30
-    return settings
-
-
-@lru_cache(maxsize=64)
-def _gram_pattern(K: int, d: int) -> tuple[Indices, Indices, tuple[Indices, Indices]]:
-    """Return which entries of G fill the upper half of one block, and the compressed columns of d such blocks."""
-    side = K * d
-    columns, rows = np.tril_indices(side)  # of the transpose: the upper half, column by column
-    indices = np.concatenate([rows + block * side for block in range(d)])
-    starts = np.concatenate(([0], np.cumsum(np.tile(np.arange(1, side + 1), d))))
-    return rows, columns, (indices, starts)
-
-
-@lru_cache(maxsize=64)
-def _constraint(K: int, d: int, lyapunov_matrix: bytes) -> sparse.csc_matrix:
-    """Return the matrix that takes the variables to svec(A_k'P + P A_k), component after component."""
-    P = np.frombuffer(lyapunov_matrix).reshape(d, d)
-    size = d * (d + 1) // 2
-    result = sparse.lil_matrix((K * size, K * d * d))
-    for k in range(K):
-        for i in range(d):
-            for j in range(d):
-                unit = np.zeros((d, d))
-                unit[i, j] = 1.0
-                result[k * size : (k + 1) * size, i * K * d + k * d + j] = _svec(unit.T @ P + P @ unit)[:, None]
-    return sparse.csc_matrix(result)
-
-
-def _svec(matrix: Array) -> Array:
-    """Return the upper half of a symmetric matrix, column by column, off-diagonal entries times sqrt(2)."""
-    columns, rows = np.tril_indices(len(matrix))
-    return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, math.sqrt(2.0)))
-
-
-def _smallest_eigenvalue(vectors: Array, d: int) -> float:
-    """Return the smallest eigenvalue of symmetric matrices given as `_svec`, shape (K, d (d + 1)/2)."""
-    if not np.isfinite(vectors).all():
-        return -math.inf
-    columns, rows = np.tril_indices(d)
-    matrices = np.zeros((len(vectors), d, d))
-    matrices[:, columns, rows] = vectors / np.where(rows == columns, 1.0, math.sqrt(2.0))
-    return float(np.linalg.eigvalsh(matrices).min())
+def _program(problem: LeastSquares, margin: float, P: Array, tolerance: float, loose: bool) -> dict[str, Any]:
+    """Return all that `solve` was given, by name; the samples as their triangle."""
+    program: dict[str, Any] = {
+        "gram": problem.gram,
+        "cross": problem.cross,
+        "mean_square_distance": problem.mean_square_distance,
+        "mean_square_speed": problem.mean_square_speed,
+        "margin": margin,
+        "lyapunov_matrix": P,
+        "tolerance": tolerance,
+        "loose": loose,
+    }
+    if problem.ridge is not None:
+        program |= {"ridge_weights": problem.ridge.weights, "ridge_centres": problem.ridge.centres}
+    if problem.triangle is not None:
+        program |= dict(zip(("factor", "target", "rest"), problem.triangle, strict=True))
+    return program

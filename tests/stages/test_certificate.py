@@ -2,66 +2,23 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
+from rational import exact, is_positive_definite, random_case, truly_stable
 
 from pipeline.errors import SolverError
 from stages.dynamics.certificate import certify, proofs, restore
 
-Matrix = list[list[Fraction]]
 
-
-def exact(matrix: np.ndarray) -> Matrix:
-    return [[Fraction(float(entry)) for entry in row] for row in matrix]
-
-
-def is_positive_definite(matrix: Matrix) -> bool:
-    """LDL' in rational arithmetic: all pivots positive."""
-    work = [row[:] for row in matrix]
-    n = len(work)
-    for j in range(n):
-        if work[j][j] <= 0:
-            return False
-        for i in range(j + 1, n):
-            factor = work[i][j] / work[j][j]
-            for k in range(j, n):
-                work[i][k] -= factor * work[j][k]
-    return True
-
-
-def truly_stable(A: np.ndarray, P: np.ndarray, margin: float) -> bool:
-    """-(A'P + PA) - margin I > 0, exactly."""
-    a, p, n = exact(A), exact(P), len(P)
-    formed = [
-        [
-            -sum((a[m][i] * p[m][j] + p[i][m] * a[m][j] for m in range(n)), Fraction(0))
-            - (Fraction(margin) if i == j else 0)
-            for j in range(n)
-        ]
-        for i in range(n)
-    ]
-    return is_positive_definite(formed)
-
-
-def random_case(rng: np.random.Generator, *, identity: bool) -> tuple[np.ndarray, np.ndarray, float]:
-    """A matrix whose largest eigenvalue of A'P + PA lies within a few roundings of -margin, on either side."""
-    d = int(rng.integers(2, 5))
-    margin = float(rng.choice([0.0, 1e-3, 0.1]))
-    P = np.eye(d)
-    if not identity:
-        root = rng.normal(size=(d, d))
-        P = root @ root.T + 0.1 * np.eye(d)
-        P = 0.5 * (P + P.T)
-    scale = 10.0 ** rng.uniform(-2, 4)
-    Q = np.linalg.qr(rng.normal(size=(d, d)))[0]
-    values = -margin - scale * rng.random(d)
-    # From 3e-18 to 1e-10 of the scale: far inside the rounding of the proof up to well outside of it.
-    values[0] = -margin + scale * rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-17.5, -10)
-    symmetric = 0.5 * (Q * values) @ Q.T
-    skew = scale * rng.normal(size=(d, d))
-    return np.linalg.solve(P, symmetric + skew - skew.T), P, margin
+def test_the_exact_check_by_hand() -> None:
+    # Leading minors 2 and 2 * 0.5 - 1 = 0; a little more or less on the diagonal decides.
+    edge = np.array([[2.0, 1.0], [1.0, 0.5]])
+    assert not is_positive_definite(exact(edge))
+    assert is_positive_definite(exact(edge + np.diag([0.0, 2.0**-53])))
+    assert not is_positive_definite(exact(edge - np.diag([0.0, 2.0**-53])))
+    assert not is_positive_definite(exact(np.diag([1.0, -1.0, -1.0])))
+    assert truly_stable(np.array([[-1.0, 3.0], [-3.0, -0.5]]), np.eye(2), 0.999)
+    assert not truly_stable(np.array([[-1.0, 3.0], [-3.0, -0.5]]), np.eye(2), 1.0)
 
 
 @pytest.mark.parametrize("identity", [True, False])
@@ -69,7 +26,7 @@ def test_no_proof_is_wrong(identity: bool) -> None:
     rng = np.random.default_rng(0)
     proved = refused = stable = 0
     for _ in range(400):
-        A, P, margin = random_case(rng, identity=identity)
+        A, P, margin = random_case(rng, identity=identity, dimensions=(2, 4))
         truth = truly_stable(A, P, margin)
         claim = bool(proofs(A[None], P, margin)[0])
         assert truth or not claim
@@ -80,6 +37,21 @@ def test_no_proof_is_wrong(identity: bool) -> None:
     assert 100 < stable < 300
     assert proved > 0.3 * stable
     assert refused > 100
+
+
+@pytest.mark.parametrize("identity", [True, False])
+def test_no_proof_is_wrong_in_higher_dimensions_and_what_is_clear_of_rounding_is_proved(identity: bool) -> None:
+    rng = np.random.default_rng(4)
+    clear = 0
+    for _ in range(300):
+        A, P, margin = random_case(rng, identity=identity, dimensions=(5, 7))
+        claim = bool(proofs(A[None], P, margin)[0])
+        assert truly_stable(A, P, margin) or not claim
+        room = 32 * len(P) ** 2 * 2.0**-53 * np.abs(A).max() * np.abs(P).max()
+        if truly_stable(A, P, margin + room):
+            assert claim
+            clear += 1
+    assert clear > 10
 
 
 def test_matrices_well_inside_are_proved() -> None:
@@ -109,6 +81,24 @@ def test_an_eigenvalue_that_is_not_negative_is_refused(excess: float) -> None:
         certify(A[None], np.eye(2), 0.0)
     assert caught.value.status == "not certified"
     assert caught.value.residuals["largest_eigenvalue"] == pytest.approx(excess, abs=1e-15)
+
+
+@pytest.mark.parametrize("d", [2, 3, 7])
+def test_a_positive_eigenvalue_of_1e_7_is_refused_under_a_general_lyapunov_matrix(d: int) -> None:
+    rng = np.random.default_rng(d)
+    root = rng.normal(size=(d, d))
+    P = root @ root.T + 0.5 * np.eye(d)
+    Q = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    skew = rng.normal(size=(d, d))
+    for excess, accepted in ((1e-7, False), (-1e-7, True)):
+        # A'P + PA = Q diag(excess, -1, ..., -1) Q'.
+        half = 0.5 * (Q * [excess, *-np.ones(d - 1)]) @ Q.T + skew - skew.T
+        A = np.linalg.solve(P, half)
+        if accepted:
+            assert certify(A[None], P, 0.0).largest_eigenvalues[0] == pytest.approx(excess, rel=1e-5)
+        else:
+            with pytest.raises(SolverError, match="Component 0 could not be proved stable"):
+                certify(A[None], P, 0.0)
 
 
 def test_what_cannot_be_a_lyapunov_function_is_refused() -> None:
