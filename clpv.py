@@ -43,7 +43,6 @@ def load(name: str, *, point: str | None = None, root: str | Path | None = None)
 
     project = Project.open(root_folder() if root is None else Path(root), STAGES)
     experiment = project.experiment(name)
-    mixtures = dict((p.id, files) for p, files in project.artifacts(experiment, "mixture"))
     dynamics = dict((p.id, files) for p, files in project.artifacts(experiment, "dynamics"))
     if point is None and len(dynamics) > 1:
         raise UsageError(f"{name} is a sweep: say which point. Valid: {', '.join(dynamics)}.")
@@ -53,7 +52,7 @@ def load(name: str, *, point: str | None = None, root: str | Path | None = None)
     use_cache_for("stages")
     from stages.artifacts.dynamics import read_dynamics
 
-    return read_dynamics(dynamics[chosen]["dynamics"], mixtures[chosen]["mixture"])
+    return read_dynamics(dynamics[chosen]["dynamics"])
 
 
 def fit(
@@ -84,10 +83,14 @@ def fit(
 
     use_cache_for("stages")
     from stages.midpoint.midpoint import to_trajectories
+    from stages.mixture.stage import by_name
     from stages.trajectory import ArmRecording, Demonstration
 
     stages = {stage.name: stage for stage in Project.open(Path(), STAGES).stages.values()}
-    chosen = {name: validate(stages[name], dict(tables.get(name, {}))) for name in ("midpoint", "mixture", "dynamics")}
+    chosen = {
+        name: validate(stages[name], {**stages[name].presets.get("robust", {}), **tables.get(name, {})})
+        for name in ("midpoint", "mixture", "dynamics")
+    }
     periods = [float(dt)] * len(demonstrations) if isinstance(dt, int | float) else [float(value) for value in dt]
     recorded = []
     for number, (positions, period) in enumerate(zip(demonstrations, periods, strict=True), start=1):
@@ -100,7 +103,8 @@ def fit(
     lengths = np.array([t.time.shape[0] for t in found.trajectories])
     context = StageContext(stage="mixture", parameters=chosen["mixture"], inputs={}, sources={}, outputs={}, seed=seed)
     cluster = stages["mixture"].implementation(chosen["mixture"].kind)
-    mixture = cluster(position, velocity, lengths, chosen["mixture"], context.generator()).mixture
+    fits = by_name(chosen["mixture"].kind, cluster(position, velocity, lengths, chosen["mixture"], context.generator()))
+    mixtures = {name: candidate.mixture for name, candidate in fits.items()}
     learn = stages["dynamics"].implementation(chosen["dynamics"].kind)
-    model: LpvDs = learn(position, velocity, mixture, found.goal, chosen["dynamics"]).model
+    model: LpvDs = learn(found.trajectories, mixtures, found.goal, chosen["dynamics"]).model
     return model

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 @cache
 def _toy() -> tuple[Trajectory, LpvDs]:
     """A short motion to the origin, and a system learned from it."""
-    from stages.dynamics.parameters import QlfParameters
-    from stages.dynamics.qlf import fit_dynamics
+    from stages.dynamics import qlf, warped
+    from stages.dynamics.parameters import QlfParameters, WarpedParameters
     from stages.mixture.parameters import PcGmmParameters
     from stages.mixture.pcgmm import fit_pcgmm
     from stages.trajectory import Trajectory
@@ -28,9 +28,12 @@ def _toy() -> tuple[Trajectory, LpvDs]:
     position = np.column_stack([1.0 - time, (1.0 - time) ** 2])
     velocity = np.column_stack([-np.ones_like(time), -2.0 * (1.0 - time)])
     parameters = PcGmmParameters(sweeps=2, points=16, polish=2)
-    found = fit_pcgmm(position, velocity, np.array([12, 12]), parameters, np.random.default_rng(0))
-    model = fit_dynamics(position, velocity, found.mixture, np.zeros(2), QlfParameters()).model
+    found = {"toy": fit_pcgmm(position, velocity, np.array([12, 12]), parameters, np.random.default_rng(0)).mixture}
     trajectory = Trajectory(dataset="toy", demo="1", split="train", time=time, position=position, velocity=velocity)
+    qlf.fit([trajectory], found, np.zeros(2), QlfParameters())
+    model = warped.fit(
+        [trajectory], found, np.zeros(2), WarpedParameters(straightening=(0.0, 0.5), translations=2)
+    ).model
     return trajectory, model
 
 
@@ -40,7 +43,7 @@ def mixture() -> None:
 
 
 def dynamics() -> None:
-    """Compile the normal equations and the densities."""
+    """Compile the regression, the densities, the warp and the roll-outs that choose."""
     _toy()
 
 

@@ -1,14 +1,21 @@
-"""The LPV-DS for one state in compiled code: eq. (6), the Cayley step and the explicit Euler step.
+"""The LPV-DS for one state in compiled code: f, V, grad V and a step that never raises V. Paper eqs. (6), (24).
 
-Roll-outs are built of these. Nothing is allocated: a caller makes `workspace(model)` once and hands it in. Any
-dimension up to 7 or so: the linear solve is a small elimination. Not here: the model's public face (`lpvds.py`).
+These four functions are all that a policy knows of a model: every kind of dynamics is one of their arguments, and a new
+kind needs no new kernel. x' = s(x) J(x)^-1 sum_k gamma_k(x) A_k psi(x) and V = psi'P psi; in the paper's case psi is
+the identity about the goal (no translations) and s = 1 (no speed limit). s > 0 changes how fast V falls, not whether.
+Nothing is allocated: a caller makes `workspace(model)` once and hands it in. Any dimension up to 7 or so: the linear
+solve is a small elimination. Not here: the model's public face (`lpvds.py`).
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numpy as np
+
 from stages.compiled import compiled
+from stages.dynamics.warp import image_at, unwarp_at, warp_at
 from stages.mixture.gaussian import responsibilities_at
 from stages.trajectory import Array
 
@@ -21,6 +28,9 @@ class ModelArrays(NamedTuple):
         matrices: shape (K, d, d), A_k, 1/s.
         goal: shape (d,), x_g, metres.
         lyapunov_matrix: shape (d, d), P.
+        centres, translations, rates: shapes (M, d), (M, d), (M,), as of `stages.dynamics.warp.Warp`; M = 0: identity.
+        origin: shape (d,), what the translations make of the goal, metres.
+        speed_limit: m/s; inf: none.
     """
 
     offsets: Array
@@ -29,18 +39,38 @@ class ModelArrays(NamedTuple):
     matrices: Array
     goal: Array
     lyapunov_matrix: Array
+    centres: Array
+    translations: Array
+    rates: Array
+    origin: Array
+    speed_limit: float
 
 
 class Workspace(NamedTuple):
-    """Buffers of one evaluation; both will be modified by every kernel.
+    """Buffers of one evaluation; all will be modified by every kernel.
 
     Attributes:
         gamma: shape (K,), responsibilities of the last state.
         A: shape (d, d), the blended matrix of the last state, overwritten by a step.
+        z: shape (d,), the last state relative to the goal.
+        psi: shape (d,), its image.
+        jacobian: shape (d, d), of psi there; overwritten by `velocity_at`.
+        row: shape (d,).
     """
 
     gamma: Array
     A: Array
+    z: Array
+    psi: Array
+    jacobian: Array
+    row: Array
+
+
+@compiled
+def workspace(model: ModelArrays) -> Workspace:
+    """Return the buffers that the kernels need for a model; one for each thread."""
+    K, d = model.means.shape
+    return Workspace(np.empty(K), np.empty((d, d)), np.empty(d), np.empty(d), np.empty((d, d)), np.empty(d))
 
 
 @compiled
@@ -49,7 +79,7 @@ def blend(x: Array, model: ModelArrays, work: Workspace) -> None:
 
     `x`: shape (d,), metres.
     """
-    gamma, A = work
+    gamma, A = work.gamma, work.A
     matrices = model.matrices
     K, d, _ = matrices.shape
     responsibilities_at(x, model.offsets, model.means, model.whiteners, gamma)
@@ -62,25 +92,112 @@ def blend(x: Array, model: ModelArrays, work: Workspace) -> None:
 
 
 @compiled
-def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
-    """Write f(x) = A(x) (x - x_g), m/s, into `out`, shape (d,). Paper eq. (6). `x`: shape (d,), metres."""
-    blend(x, model, work)
-    goal = model.goal
-    for i in range(goal.shape[0]):
-        total = 0.0
-        for j in range(goal.shape[0]):
-            total += work.A[i, j] * (x[j] - goal[j])
-        out[i] = total
+def image_of(x: Array, model: ModelArrays, work: Workspace) -> None:
+    """Write psi(x) into `work.psi` and its Jacobian into `work.jacobian`. `x`: shape (d,), metres."""
+    for i in range(model.goal.shape[0]):
+        work.z[i] = x[i] - model.goal[i]
+    warp_at(work.z, model.centres, model.translations, model.rates, model.origin, work.psi, work.jacobian, work.row)
 
 
 @compiled
-def lyapunov_at(x: Array, goal: Array, lyapunov_matrix: Array) -> float:
-    """Return V(x) = (x - x_g)'P (x - x_g). `x`, `goal`: shape (d,), metres; `lyapunov_matrix`: shape (d, d)."""
+def place(x: Array, model: ModelArrays, work: Workspace) -> None:
+    """Write psi(x) into `work.psi`. `x`: shape (d,), metres."""
+    for i in range(model.goal.shape[0]):
+        work.z[i] = x[i] - model.goal[i]
+    image_at(work.z, model.centres, model.translations, model.rates, model.origin, work.psi)
+
+
+@compiled
+def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> float:
+    """Write f(x) = s J^-1 A(x) psi(x), m/s, into `out`, shape (d,); return s. Paper eq. (6). `x`: shape (d,), metres.
+
+    s in (0, 1] keeps the speed within the limit; 1 where there is none.
+    """
+    image_of(x, model, work)
+    blend(x, model, work)
+    for i in range(model.goal.shape[0]):
+        total = 0.0
+        for j in range(model.goal.shape[0]):
+            total += work.A[i, j] * work.psi[j]
+        out[i] = total
+    if model.rates.shape[0]:
+        solve_in_place(work.jacobian, out)
+    if model.speed_limit == math.inf:
+        return 1.0
+    squared = 0.0
+    for i in range(model.goal.shape[0]):
+        squared += out[i] * out[i]
+    speed = math.sqrt(squared)
+    if speed <= model.speed_limit:
+        return 1.0
+    share = model.speed_limit / speed
+    for i in range(model.goal.shape[0]):
+        out[i] *= share
+    return share
+
+
+@compiled
+def lyapunov_at(x: Array, model: ModelArrays, work: Workspace) -> float:
+    """Return V(x) = psi(x)'P psi(x), square metres. `x`: shape (d,), metres."""
+    place(x, model, work)
     total = 0.0
-    for i in range(goal.shape[0]):
-        for j in range(goal.shape[0]):
-            total += (x[i] - goal[i]) * lyapunov_matrix[i, j] * (x[j] - goal[j])
+    for i in range(model.goal.shape[0]):
+        for j in range(model.goal.shape[0]):
+            total += work.psi[i] * model.lyapunov_matrix[i, j] * work.psi[j]
     return total
+
+
+@compiled
+def lyapunov_gradient_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
+    """Write grad V(x) = 2 J'P psi(x), metres, into `out`, shape (d,). `x`: shape (d,), metres."""
+    d = model.goal.shape[0]
+    image_of(x, model, work)
+    for i in range(d):
+        work.row[i] = 0.0
+        for j in range(d):
+            work.row[i] += 2.0 * model.lyapunov_matrix[i, j] * work.psi[j]
+    for i in range(d):
+        out[i] = 0.0
+        for j in range(d):
+            out[i] += work.jacobian[j, i] * work.row[j]
+
+
+@compiled
+def step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
+    """Write the state `h` seconds after x, shape (d,), metres, into `out`, shape (d,); V never rises, whatever `h`.
+
+    A Cayley step of the image, psi+ = psi + 2 (w - psi) with (I - s h A(x)/2) w = psi, and the inverse warp of it. `h`,
+    seconds, the gate included; 0 returns x to the last bit. `out` must not be `x`.
+    """
+    d = model.goal.shape[0]
+    if model.speed_limit < math.inf:
+        h *= velocity_at(x, model, work, out)
+    else:
+        blend(x, model, work)
+    if model.rates.shape[0] == 0:
+        cayley_step(x, model.goal, work.A, h, out)
+    elif h == 0.0:
+        for i in range(d):
+            out[i] = x[i]
+    else:
+        if model.speed_limit == math.inf:
+            place(x, model, work)
+        work.z[:] = 0.0
+        cayley_step(work.psi, work.z, work.A, h, out)
+        unwarp_at(out, model.centres, model.translations, model.rates, model.origin, work.z)
+        for i in range(d):
+            out[i] = work.z[i] + model.goal[i]
+
+
+@compiled
+def euler_step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
+    """Write x + h f(x), the explicit Euler step, into `out`, shape (d,), metres; V may rise. For comparison.
+
+    `x`: shape (d,), metres. `h`: seconds, the gate included. `out` must not be `x`.
+    """
+    velocity_at(x, model, work, out)
+    for i in range(model.goal.shape[0]):
+        out[i] = x[i] + h * out[i]
 
 
 @compiled
@@ -100,6 +217,15 @@ def cayley_step(x: Array, goal: Array, A: Array, h: float, out: Array) -> None:
         for j in range(d):
             A[i, j] *= -0.5 * h
         A[i, i] += 1.0
+    solve_in_place(A, out)
+    for i in range(d):
+        out[i] = x[i] + 2.0 * (out[i] - (x[i] - goal[i]))
+
+
+@compiled
+def solve_in_place(A: Array, b: Array) -> None:
+    """Overwrite b, shape (d,), by the solution of A y = b, by elimination with pivoting. `A`, (d, d): overwritten."""
+    d = b.shape[0]
     for c in range(d):
         pivot = c
         for i in range(c + 1, d):
@@ -108,31 +234,16 @@ def cayley_step(x: Array, goal: Array, A: Array, h: float, out: Array) -> None:
         if pivot != c:
             for j in range(c, d):
                 A[c, j], A[pivot, j] = A[pivot, j], A[c, j]
-            out[c], out[pivot] = out[pivot], out[c]
+            b[c], b[pivot] = b[pivot], b[c]
         for i in range(c + 1, d):
             factor = A[i, c] / A[c, c]
             for j in range(c + 1, d):
                 A[i, j] -= factor * A[c, j]
-            out[i] -= factor * out[c]
+            b[i] -= factor * b[c]
     for i in range(d - 1, -1, -1):
         for j in range(i + 1, d):
-            out[i] -= A[i, j] * out[j]
-        out[i] /= A[i, i]
-    for i in range(d):
-        out[i] = x[i] + 2.0 * (out[i] - (x[i] - goal[i]))
-
-
-@compiled
-def euler_step(x: Array, goal: Array, A: Array, h: float, out: Array) -> None:
-    """Write x + h A (x - x_g), the explicit Euler step, into `out`, shape (d,), metres; V may rise. For comparison.
-
-    `x`, `goal`: shape (d,), metres. `A`: shape (d, d), 1/s. `h`: seconds, the gate included. `out` must not be `x`.
-    """
-    for i in range(goal.shape[0]):
-        total = 0.0
-        for j in range(goal.shape[0]):
-            total += A[i, j] * (x[j] - goal[j])
-        out[i] = x[i] + h * total
+            b[i] -= A[i, j] * b[j]
+        b[i] /= A[i, i]
 
 
 @compiled
@@ -143,46 +254,21 @@ def velocities(x: Array, model: ModelArrays, work: Workspace, out: Array) -> Non
 
 
 @compiled
-def cayley_steps(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
-    """Write the states after a Cayley step of `h` seconds from x, shape (n, d), metres, into `out`, shape (n, d)."""
+def lyapunovs(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
+    """Write V, square metres, at states x, shape (n, d), metres, into `out`, shape (n,)."""
     for t in range(x.shape[0]):
-        blend(x[t], model, work)
-        cayley_step(x[t], model.goal, work.A, h, out[t])
+        out[t] = lyapunov_at(x[t], model, work)
 
 
 @compiled
-def normal_equations(
-    x: Array, velocity: Array, model: ModelArrays, gamma: Array, gram: Array, cross: Array
-) -> tuple[float, float]:
-    """Sum Phi Phi' and xdot Phi' of eq. (7) over all samples in one pass; return sum |z|^2 and sum |xdot|^2.
+def lyapunov_gradients(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
+    """Write grad V, metres, at states x, shape (n, d), metres, into `out`, shape (n, d)."""
+    for t in range(x.shape[0]):
+        lyapunov_gradient_at(x[t], model, work, out[t])
 
-    Phi = (gamma_1 z, ..., gamma_K z), z = x - x_g, so that f = [A_1 ... A_K] Phi. `x`, `velocity`: shape (n, d),
-    metres and m/s. Only the mixture and the goal of `model` are read. `gamma`, shape (K,): scratch. Will be modified:
-    `gram`, shape (K d, K d), square metres, and `cross`, shape (d, K d), m^2/s.
-    """
-    n, d = x.shape
-    K = gamma.shape[0]
-    goal = model.goal
-    gram[:] = 0.0
-    cross[:] = 0.0
-    distance = 0.0
-    speed = 0.0
-    for t in range(n):
-        responsibilities_at(x[t], model.offsets, model.means, model.whiteners, gamma)
-        for i in range(d):
-            distance += (x[t, i] - goal[i]) ** 2
-            speed += velocity[t, i] ** 2
-        for k in range(K):
-            for j in range(d):
-                column = gamma[k] * (x[t, j] - goal[j])
-                if column == 0.0:
-                    continue
-                for i in range(d):
-                    cross[i, k * d + j] += velocity[t, i] * column
-                for other in range(k + 1):
-                    for i in range(d):
-                        gram[other * d + i, k * d + j] += gamma[other] * (x[t, i] - goal[i]) * column
-    for row in range(K * d):
-        for column_index in range(row):
-            gram[row, column_index] = gram[column_index, row]
-    return distance, speed
+
+@compiled
+def steps(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
+    """Write the states after a step of `h` seconds from x, shape (n, d), metres, into `out`, shape (n, d)."""
+    for t in range(x.shape[0]):
+        step_at(x[t], model, h, work, out[t])

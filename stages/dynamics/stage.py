@@ -7,38 +7,70 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.stage import Port, Stage, StageContext
-from stages.dynamics.parameters import QlfParameters
+from stages.dynamics.parameters import DynamicsParameters
 
-IMPLEMENTATIONS = {"qlf": "stages.dynamics.qlf:fit_dynamics"}
-"""Kind -> (position, velocity, mixture, goal, parameters) -> DynamicsFit."""
+IMPLEMENTATIONS = {
+    "qlf": "stages.dynamics.qlf:fit",
+    "pqlf": "stages.dynamics.pqlf:fit",
+    "warped": "stages.dynamics.warped:fit",
+}
+"""Kind -> (demonstrations, mixtures by name, goal, parameters) -> DynamicsFit."""
 
 
 def run(context: StageContext) -> None:
-    """Learn and certify the system."""
+    """Learn and certify the system; a program that cannot be solved is kept for study."""
+    from dataclasses import asdict
+
+    from pipeline.errors import SolverError
     from stages.artifacts.dynamics import write_dynamics
     from stages.artifacts.midpoints import read_midpoints, training_set
-    from stages.artifacts.mixture import read_mixture
+    from stages.artifacts.mixture import read_mixtures
+    from stages.dynamics.lpvds import velocity_error
+    from stages.dynamics.saved import save_problem
 
     midpoints = read_midpoints(context.inputs["midpoints"])
-    position, velocity, _ = training_set(midpoints)
-    mixture = read_mixture(context.inputs["mixture"])
+    training_set(midpoints)
     learn = STAGE.implementation(context.parameters.kind)
-    fit = learn(position, velocity, mixture, midpoints.goal, context.parameters)
+    mixtures = read_mixtures(context.inputs["mixture"])
+    try:
+        fit = learn(midpoints.of_split("train"), mixtures, midpoints.goal, context.parameters)
+    except SolverError as error:
+        if error.program is None:
+            raise
+        kept = context.keep("program.npz")
+        save_problem(kept, error.program)
+        place = "/".join(kept.parts[-5:])
+        raise SolverError(f"{error.problem} The program is kept in {place}.", error.status, error.residuals) from error
     shifted = int((fit.certificate.shift > 0).sum())
     if shifted:
         context.warn(f"{shifted} component(s) had to be shifted by rounding errors to be certified.")
+    if any(entry.chosen and not entry.arrives for entry in fit.tried):
+        context.warn(
+            "No candidate's training roll-outs all came to the goal in time: the system that was taken is stable, but "
+            "slow somewhere; look at its roll-outs, or widen the choice (dynamics.guidance, mixture.components)."
+        )
+    test = midpoints.of_split("test")
     details = {
         "kind": context.parameters.kind,
-        "certificate": {"margin": fit.certificate.margin, "shifted": shifted},
+        "mixture": fit.mixture,
+        "certificate": {
+            "margin": fit.certificate.margin,
+            "shifted": shifted,
+            "warp_slope": None if fit.model.warp is None else fit.model.warp.bound,
+        },
         "solver": {
             "name": "clarabel",
+            "form": fit.solution.form,
             "status": fit.solution.status,
             "iterations": fit.solution.iterations,
+            "refinements": fit.solution.refinements,
             "objective": fit.solution.objective,
             "residuals": fit.solution.residuals,
         },
         "rmse": fit.rmse,
         "relative_rmse": fit.relative_rmse,
+        "test_rmse": velocity_error(fit.model, test) if test else None,
+        "tried": [asdict(entry) for entry in fit.tried],
     }
     certificate = fit.certificate
     write_dynamics(context.outputs["dynamics"], fit.model, certificate.largest_eigenvalues, certificate.shift, details)
@@ -51,30 +83,50 @@ def rows(outputs: Mapping[str, Path]) -> list[dict[str, Any]]:
     return read_components(outputs["dynamics"])
 
 
+def tables(outputs: Mapping[str, Path]) -> Mapping[str, list[dict[str, Any]]]:
+    """What the system was chosen from, where there were several candidates."""
+    from stages.artifacts.dynamics import read_details
+
+    names = (
+        *("mixture", "components", "share", "guidance", "condition", "velocity_error", "held_out_error"),
+        *("deviation", "held_out_deviation", "score", "arrives", "chosen"),
+    )
+    tried = [{name: entry[name] for name in names} for entry in read_details(outputs["dynamics"])["tried"]]
+    return {"candidates, on training demonstrations alone": tried} if tried else {}
+
+
 def headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
     """Fit and certificate in figures."""
     from stages.artifacts.dynamics import read_components, read_details
 
     details = read_details(outputs["dynamics"])
-    return {
+    components = read_components(outputs["dynamics"])
+    found: dict[str, float] = {
+        "components": len(components),
         "certified_margin_1_s": details["certificate"]["margin"],
-        "largest_eigenvalue_1_s": max(row["largest_eigenvalue"] for row in read_components(outputs["dynamics"])),
-        "rmse_m_s": details["rmse"],
-        "relative_rmse": details["relative_rmse"],
+        "largest_eigenvalue_1_s": max(row["largest_eigenvalue"] for row in components),
+        "train_velocity_rmse_m_s": details["rmse"],
+        "train_velocity_relative_rmse": details["relative_rmse"],
     }
+    if details["test_rmse"] is not None:
+        found["test_velocity_rmse_m_s"] = details["test_rmse"]
+    if details["tried"]:
+        found["candidates_tried"] = len(details["tried"])
+    return found
 
 
 STAGE = Stage(
     name="dynamics",
     summary="stable dynamical system with a certificate: eqs. (6)-(8)",
-    parameters=QlfParameters,
+    parameters=DynamicsParameters,
     inputs=("midpoints", "mixture"),
     outputs=(Port(name="dynamics", filename="dynamics.parquet"),),
     run=run,
-    presets={"paper": {"kind": "qlf"}, "robust": {"kind": "qlf"}},
+    presets={"paper": {"kind": "qlf"}, "robust": {"kind": "warped"}},
     implementations=IMPLEMENTATIONS,
     libraries=("numpy", "scipy", "numba", "clarabel", "pyarrow"),
     headline=headline,
     rows=rows,
+    tables=tables,
     warm="stages.warm:dynamics",
 )

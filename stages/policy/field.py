@@ -1,7 +1,7 @@
 """The learned system as a policy steps it: one state, one step, nothing allocated. Paper eq. (6).
 
-This is where a policy meets the dynamics, and the one place that changes when there is another kind of them. Not here:
-the integrators themselves and why V cannot rise under one of them (`stages/dynamics/kernels.py`).
+This is where a policy meets the dynamics, of whatever kind: it uses the kernels' step and nothing else of a model. Not
+here: the integrators themselves and why V cannot rise under one of them (`stages/dynamics/kernels.py`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from stages.compiled import compiled
-from stages.dynamics.kernels import ModelArrays, Workspace, blend, cayley_step, euler_step
+from stages.dynamics import kernels
+from stages.dynamics.kernels import ModelArrays, Workspace, euler_step_at, step_at
 from stages.dynamics.lpvds import LpvDs
 from stages.trajectory import Array
 
@@ -50,8 +51,7 @@ def field_of(model: LpvDs, integrator: Literal["cayley", "euler"]) -> Field:
 @compiled
 def workspace(field: Field) -> Work:
     """Scratch for this field: all that stepping it needs."""
-    K, d = field.model.means.shape
-    return Work(Workspace(np.empty(K), np.empty((d, d))), np.empty(d))
+    return Work(kernels.workspace(field.model), np.empty(field.model.goal.shape[0]))
 
 
 @compiled
@@ -64,10 +64,9 @@ def advance(field: Field, x: Array, dt: float, work: Work) -> None:
         dt: seconds.
         work: from `workspace`. Will be modified.
     """
-    blend(x, field.model, work.model)
     if field.integrator == CAYLEY:
-        cayley_step(x, field.model.goal, work.model.A, dt, work.state)
+        step_at(x, field.model, dt, work.model, work.state)
     else:
-        euler_step(x, field.model.goal, work.model.A, dt, work.state)
+        euler_step_at(x, field.model, dt, work.model, work.state)
     for i in range(x.shape[0]):
         x[i] = work.state[i]

@@ -20,7 +20,7 @@ def run(context: StageContext) -> None:
 
     parameters = context.parameters
     midpoints = read_midpoints(context.inputs["midpoints"])
-    model = read_dynamics(context.inputs["dynamics"], context.inputs["mixture"])
+    model = read_dynamics(context.inputs["dynamics"])
     starts = midpoints.of_split(parameters.starts)
     if not starts and parameters.starts == "test":
         # Recordings without a declared split are all for training, and are evaluated on themselves; rows say so.
@@ -58,7 +58,7 @@ STAGE = Stage(
     name="rollout",
     summary="controllers x conditions x starts: eqs. (9)-(12)",
     parameters=RolloutParameters,
-    inputs=("midpoints", "mixture", "dynamics"),
+    inputs=("midpoints", "dynamics"),
     outputs=(Port(name="rollouts", filename="rollouts.parquet"),),
     run=run,
     presets={"paper": {"mode": "paper"}, "robust": {"mode": "robust"}},

@@ -1,0 +1,177 @@
+"""One candidate system, learned: features, least squares with guides and a ridge, P, A_k. Paper eqs. (6)-(8).
+
+A recipe says what a candidate is made of: a mixture, a warp, how much guides count. Every kind of dynamics that learns
+its Lyapunov function is a list of recipes. Not here: which of them is taken (`choose.py`), or the program (`solve.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.compiled import compiled
+from stages.dynamics.kernels import ModelArrays, Workspace, blend, image_of, workspace
+from stages.dynamics.lpvds import LpvDs, arrays
+from stages.dynamics.regression import LeastSquares, combined, gather, with_ridge
+from stages.dynamics.samples import Frame, Samples
+from stages.dynamics.search import Found, search
+from stages.dynamics.solve import Solution, solve
+from stages.dynamics.warp import Warp
+from stages.mixture.gaussian import GaussianMixture
+from stages.trajectory import Array
+
+# A guide where a direction is compressed to less than this would ask for a velocity that only the warp makes.
+_COMPRESSED = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recipe:
+    """What distinguishes one candidate from another.
+
+    Attributes:
+        mixture: name of the mixture.
+        gaussians: the mixture that gates the components, already smoothed, of metres.
+        warp: psi.
+        share: how far the warp straightens the mean demonstration, 0 to 1.
+        guidance: weight of the guides, relative to that of the samples.
+    """
+
+    mixture: str
+    gaussians: GaussianMixture
+    warp: Warp
+    share: float
+    guidance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """How a candidate is learned.
+
+    Attributes:
+        margin: A_k'P + P A_k <= -margin I, 1/s.
+        condition: largest condition of P; 1: P = I.
+        ridge: weight of |A_k + c_k I|^2, c_k the component's own rate, relative to its own Gram matrix.
+        width, decay: of the guides, as fractions of the motion's size.
+        speed_limit: of the system, m/s.
+        tolerance: largest residual accepted of the solver.
+    """
+
+    margin: float
+    condition: float
+    ridge: float
+    width: float
+    decay: float
+    speed_limit: float
+    tolerance: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Data:
+    """The least squares of one demonstration, or of several pooled.
+
+    Attributes:
+        samples: number of samples behind `own`.
+        own: of the samples.
+        guides: of the guides; none: they do not count.
+    """
+
+    samples: int
+    own: LeastSquares
+    guides: LeastSquares | None
+
+
+def smoothed(mixture: GaussianMixture, widening: float, blur: float) -> GaussianMixture:
+    """Return a mixture with covariances `widening` Sigma_k + blur^2 I, so that its components hand over smoothly.
+
+    `blur`: metres.
+    """
+    covariances = widening * mixture.covariances + blur**2 * np.eye(mixture.dimension)
+    return replace(mixture, covariances=covariances)
+
+
+def data_of(recipe: Recipe, goal: Array, samples: Samples, guides: Samples) -> Data:
+    """Gather the least squares of a recipe. Paper eq. (7). `goal`: x_g, shape (d,), metres."""
+    model = _untrained(recipe, goal)
+    own = _gathered(model, samples, 0.0)
+    beside = _gathered(model, guides, _COMPRESSED) if recipe.guidance > 0.0 and len(guides.position) else None
+    assert own is not None
+    return Data(samples=len(samples.position), own=own, guides=beside)
+
+
+def pooled(parts: Sequence[Data]) -> Data:
+    """Return the least squares of all parts together; every sample counts alike."""
+    total = sum(part.samples for part in parts)
+    weights = [part.samples / total for part in parts]
+    beside = [(weight, part.guides) for weight, part in zip(weights, parts, strict=True) if part.guides is not None]
+    return Data(
+        samples=total,
+        own=combined([(weight, part.own) for weight, part in zip(weights, parts, strict=True)]),
+        guides=combined(beside) if beside else None,
+    )
+
+
+def regularised(recipe: Recipe, data: Data, learning: Learning) -> LeastSquares:
+    """Return the problem that a recipe solves: samples, guides by their weight, and the ridge."""
+    problem = data.own if data.guides is None else combined([(1.0, data.own), (recipe.guidance, data.guides)])
+    return with_ridge(problem, learning.ridge) if learning.ridge > 0.0 else problem
+
+
+def find(problem: LeastSquares, learning: Learning, frame: Frame, start: Array | None = None) -> Found:
+    """Learn P and, loosely, A_k. Paper eqs. (7), (8). `start`: P, shape (d, d), to descend from."""
+    return search(problem, learning.margin, frame.axes, learning.condition, start)
+
+
+def refine(problem: LeastSquares, learning: Learning, lyapunov_matrix: Array, *, loose: bool = False) -> Solution:
+    """Learn A_k for a given P, shape (d, d); `loose`: well enough to compare. Paper eqs. (7), (8)."""
+    return solve(problem, learning.margin, lyapunov_matrix, tolerance=learning.tolerance, loose=loose)
+
+
+def system(recipe: Recipe, goal: Array, matrices: Array, lyapunov_matrix: Array, learning: Learning) -> LpvDs:
+    """Put a candidate together: A_k, shape (K, d, d), 1/s, and P, shape (d, d)."""
+    return LpvDs(
+        mixture=recipe.gaussians,
+        matrices=matrices,
+        goal=goal,
+        lyapunov_matrix=lyapunov_matrix,
+        warp=recipe.warp if recipe.warp.count else None,
+        speed_limit=learning.speed_limit,
+    )
+
+
+def _untrained(recipe: Recipe, goal: Array) -> ModelArrays:
+    K, d = recipe.gaussians.components, recipe.gaussians.dimension
+    return arrays(recipe.gaussians, np.zeros((K, d, d)), goal, np.eye(d), recipe.warp)
+
+
+def _gathered(model: ModelArrays, samples: Samples, least: float) -> LeastSquares | None:
+    """The least squares of samples where psi compresses no direction to less than `least`; none: nowhere."""
+    n, d = samples.position.shape
+    K = model.means.shape[0]
+    phi, jacobian = np.empty((n, K * d)), np.empty((n, d, d))
+    write_features(samples.position, model, workspace(model), phi, jacobian)
+    if not model.rates.shape[0]:
+        return gather(phi, samples.velocity)
+    velocity = samples.velocity
+    if least > 0.0:
+        kept = np.linalg.svd(jacobian, compute_uv=False)[:, -1] >= least
+        if not kept.any():
+            return None
+        phi, velocity, jacobian = phi[kept], velocity[kept], jacobian[kept]
+    return gather(phi, velocity, inverse_jacobian=np.asarray(np.linalg.inv(jacobian)))
+
+
+@compiled
+def write_features(x: Array, model: ModelArrays, work: Workspace, phi: Array, jacobian: Array) -> None:
+    """Write gamma_k psi, shape (n, K d), metres, and J, shape (n, d, d), at states x, shape (n, d), metres. Eq. (6)."""
+    n, d = x.shape
+    for t in range(n):
+        blend(x[t], model, work)
+        image_of(x[t], model, work)
+        for k in range(work.gamma.shape[0]):
+            for i in range(d):
+                phi[t, k * d + i] = work.gamma[k] * work.psi[i]
+        for i in range(d):
+            for j in range(d):
+                jacobian[t, i, j] = work.jacobian[i, j]
