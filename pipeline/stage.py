@@ -57,6 +57,7 @@ class StageContext:
         sources: label -> external file to read.
         outputs: artifact name -> file to write; all of them must exist when `run` returns.
         seed: of the experiment; none where the stage does not declare that it is random.
+        failures: folder for what a failing stage leaves to be studied, by `keep`; it need not exist.
         warnings: sentences for the user, kept with the result; appended by `warn`.
     """
 
@@ -66,6 +67,7 @@ class StageContext:
     sources: Mapping[str, Path]
     outputs: Mapping[str, Path]
     seed: int | None = None
+    failures: Path = Path("failed")
     warnings: list[str] = field(default_factory=list)
 
     def generator(self, *names: str) -> np.random.Generator:
@@ -81,6 +83,11 @@ class StageContext:
     def warn(self, sentence: str) -> None:
         """Say something that the user should know; appended to `warnings`."""
         self.warnings.append(sentence)
+
+    def keep(self, filename: str) -> Path:
+        """Where a stage that is about to fail may write a file for study; it stays until garbage is collected."""
+        self.failures.mkdir(parents=True, exist_ok=True)
+        return self.failures / filename
 
 
 def _no_sources(parameters: Any, root: Path) -> Mapping[str, Path]:
@@ -114,6 +121,7 @@ class Stage:
         about: (parameters, project root) -> facts about the external data, for people.
         headline: output files -> figures for the manifest.
         rows: output files -> the rows that people want to see of it; summarise: rows -> a few rows that say the same.
+        tables: output files -> further tables of rows, by title.
         warm: import string of a function that compiles what `run` needs, called once before workers start; or "".
     """
 
@@ -133,6 +141,7 @@ class Stage:
     headline: Callable[[Mapping[str, Path]], Mapping[str, float]] = _no_headline
     rows: Callable[[Mapping[str, Path]], list[dict[str, Any]]] | None = None
     summarise: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] | None = None
+    tables: Callable[[Mapping[str, Path]], Mapping[str, list[dict[str, Any]]]] | None = None
     warm: str = ""
 
     def modules(self, chosen: Any) -> tuple[str, ...]:

@@ -137,6 +137,7 @@ def _show_stage(
     rows: list[dict[str, Any]] = []
     artifacts: list[dict[str, Any]] = []
     figures: list[dict[str, Any]] = []
+    tables: dict[str, list[dict[str, Any]]] = {}
     warnings: list[str] = []
     for row in project.plan(experiment, stage.name):
         if row.stage.name != stage.name or point not in (None, row.point.id):
@@ -155,6 +156,8 @@ def _show_stage(
         warnings.extend(row.record["warnings"])
         if stage.rows is not None:
             rows.extend({"point": row.point.id, **found} for found in stage.rows(files))
+        for title, further in (stage.tables(files) if stage.tables is not None else {}).items():
+            tables.setdefault(title, []).extend({"point": row.point.id, **found} for found in further)
     if csv:
         if stage.rows is None:
             raise UsageError(f"Stage {stage.name} has no table of rows: without --csv, its files are named.")
@@ -167,7 +170,11 @@ def _show_stage(
     console.result("")
     console.table(artifacts)
     console.result("")
-    console.table(rows or figures)
+    _figures_of(console, figures)
+    for title, found in {"": rows, **tables}.items():
+        if found:
+            console.result(title and f"{title}:")
+            console.table(found)
     for sentence in warnings:
         console.warn(sentence)
     console.document(
@@ -178,9 +185,19 @@ def _show_stage(
             "artifacts": artifacts,
             "metrics": figures,
             "rows": rows,
+            "tables": tables,
             "warnings": warnings,
         }
     )
+
+
+def _figures_of(console: Console, figures: Sequence[dict[str, Any]]) -> None:
+    """Headline figures: one a line of a single point, one point a line of several."""
+    if len(figures) == 1:
+        (only,) = figures
+        console.table([{"figure": name, "value": value} for name, value in only.items() if name != "point"])
+    else:
+        console.table(figures)
 
 
 def overview(project: Project, console: Console, names: Sequence[str]) -> None:
@@ -277,7 +294,7 @@ def create(
 
 
 def collect_garbage(project: Project, console: Console, names: Sequence[str], *, dry_run: bool) -> None:
-    """Remove action records that no experiment leads to as it stands, and objects that no kept record names."""
+    """Remove action records that no experiment leads to as it stands, objects that no kept record names, failures."""
     store = project.store
     if store.busy():
         raise StoreError("A run is going on in this project: wait until it has finished, then collect.")
@@ -295,9 +312,10 @@ def collect_garbage(project: Project, console: Console, names: Sequence[str], *,
     # Records go first: an object that a record still names is never removed before it.
     actions = [path for path in sorted(store.folder.glob("actions/*.json")) if path.stem not in kept_keys]
     objects = [path for path in sorted(store.folder.glob("objects/*/*")) if path.name not in kept_objects]
-    size = sum(path.stat().st_size for path in (*actions, *objects))
+    failures = [path for path in sorted(store.folder.glob("failed/*/*")) if path.is_file()]
+    size = sum(path.stat().st_size for path in (*actions, *objects, *failures))
     if not dry_run:
-        _remove((*actions, *objects))
+        _remove((*actions, *objects, *failures))
     word = "would be removed" if dry_run else "removed"
     console.result(f"{len(actions)} results and {len(objects)} objects, {size / 1e6:.1f} MB, {word}.")
     console.document({"actions": len(actions), "objects": len(objects), "bytes": size, "removed": not dry_run})

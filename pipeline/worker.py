@@ -58,6 +58,7 @@ def execute(task: Task) -> tuple[dict[str, Any], float]:
             sources=task.sources,
             outputs={port.name: folder / port.filename for port in stage.outputs},
             seed=task.seed,
+            failures=task.store.folder / "failed" / task.key[:12],
         )
         try:
             # One BLAS thread: sums that depend on the number of threads would change the bytes. Standard output is

@@ -2,17 +2,17 @@
 
 ::
 
-    ingest ─> midpoint ─> mixture ─> dynamics ─┐
-                  │           └───────────────>├─> rollout ─> evaluate
-                  └───────────────────────────>┘
+    ingest ─> midpoint ─> mixture ─> dynamics ─> rollout ─> evaluate
+                  └──────────────────────┴──────────┴──────────┘
+                        demonstrations, to learn from and to compare with
 
 =========  ==============================================================  ============================================
 stage      what it does                                                    what it writes
 =========  ==============================================================  ============================================
 ingest     reads recorded demonstrations                                   demonstrations.parquet
 midpoint   one point's motion on a uniform clock, eq. (4)                  midpoints.parquet
-mixture    Gaussian mixture over position, eq. (5)                         mixture, assignments, sampler .parquet
-dynamics   stable dynamical system, eqs. (6)-(8), with a certificate       dynamics.parquet
+mixture    Gaussian mixtures over position, eq. (5): one, or candidates    mixture, assignments, sampler .parquet
+dynamics   stable dynamical system, eqs. (6)-(8), with a certificate       dynamics.parquet: all that a policy needs
 rollout    controllers x conditions x starts, eqs. (9)-(12)                rollouts.parquet
 evaluate   swept error area (26), dynamic time warping, recovery           metrics.parquet
 =========  ==============================================================  ============================================

@@ -185,12 +185,12 @@ def test_what_an_edit_of_the_code_makes_stale(copied_checkout: Path) -> None:
 
     edit(
         root / "stages/evaluate/dtwd.py",
-        r"(def dynamic_time_warping\([^#]*?\n    \"\"\"[\s\S]*?\"\"\"\n)",
+        r"(def swept_error_area\([^#]*?\n    \"\"\"[\s\S]*?\"\"\"\n)",
         r"\1    _ = 0\n",
     )
     found = status_of_copy(root)
     assert [stage for stage in STAGES if found[stage]["state"] != "cached"] == ["evaluate"]
-    assert any("stages.evaluate.dtwd.dynamic_time_warping changed" in reason for reason in found["evaluate"]["reasons"])
+    assert any("stages.evaluate.dtwd.swept_error_area changed" in reason for reason in found["evaluate"]["reasons"])
 
 
 def digests(root: Path, name: str) -> dict[str, Any]:

@@ -201,11 +201,11 @@ def test_a_missing_field_with_its_kinds_name_is_named(bags: Path, clpv: Invoke) 
 
 
 def test_parameters_are_set_in_the_file(bags: Path, clpv: Invoke) -> None:
-    changes = ("--set", "ingest.longest_gap=2.0", "--set", "mixture.alpha=3.0")
+    changes = ("--set", "ingest.longest_gap=2.0", "--set", "mixture.sweeps=30")
     assert clpv(bags, "ingest", "carry", *sources(bags), *changes).exit_code == 0
     table = tomllib.loads((bags / "runs/carry/experiment.toml").read_text())
     assert table["ingest"]["longest_gap"] == 2.0
-    assert table["mixture"]["alpha"] == 3.0
+    assert table["mixture"]["sweeps"] == 30
     assert clpv(bags, "status", "carry", "--json").exit_code == 0
 
 

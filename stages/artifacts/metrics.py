@@ -10,9 +10,10 @@ from stages.artifacts.parquet import Column, Schema, records, write
 
 SCHEMA = Schema(
     name="metrics",
-    version=2,
+    version=3,
     columns=(
         Column(name="dataset", type="text"),
+        Column(name="dynamics", type="text"),
         Column(name="controller", type="text"),
         Column(name="mode", type="text"),
         Column(name="avoidance", type="text"),
@@ -21,6 +22,7 @@ SCHEMA = Schema(
         Column(name="split", type="text"),
         Column(name="rollout", type="text"),
         Column(name="outcome", type="text"),
+        Column(name="velocity_rmse_mm_s", unit="mm/s"),
         Column(name="dtw_mm", unit="mm"),
         Column(name="dtw_per_step_mm", unit="mm"),
         Column(name="sea_mm2", unit="mm2"),

@@ -13,13 +13,17 @@ from stages.evaluate.parameters import EvaluateParameters
 
 def run(context: StageContext) -> None:
     """Compare every roll-out's executed path with its demonstration."""
+    from stages.artifacts.dynamics import read_details, read_dynamics
     from stages.artifacts.metrics import write_metrics
     from stages.artifacts.midpoints import read_midpoints
     from stages.artifacts.rollouts import read_rollouts
-    from stages.evaluate.compare import compare
+    from stages.dynamics.lpvds import velocity_error
+    from stages.evaluate.compare import MM, compare
 
     references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
     rollouts, goal = read_rollouts(context.inputs["rollouts"])
+    model, kind = read_dynamics(context.inputs["dynamics"]), read_details(context.inputs["dynamics"])["kind"]
+    errors = {name: velocity_error(model, [reference]) * MM for name, reference in references.items()}
     rows = []
     for rollout in rollouts:
         compared = compare(
@@ -35,7 +39,8 @@ def run(context: StageContext) -> None:
         )
         names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout")
         displaced = {"displaced_step": rollout.displaced if rollout.displaced >= 0 else None}
-        rows.append({**{name: getattr(rollout, name) for name in names}, **asdict(compared), **displaced})
+        field = {"dynamics": kind, "velocity_rmse_mm_s": errors[rollout.dataset, rollout.demo]}
+        rows.append({**{name: getattr(rollout, name) for name in names}, **field, **asdict(compared), **displaced})
     write_metrics(context.outputs["metrics"], rows)
 
 
@@ -47,7 +52,7 @@ def rows(outputs: Mapping[str, Path]) -> list[dict[str, Any]]:
 
 
 def summarise(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means by controller, mode and condition."""
+    """Means by kind of dynamics, controller, mode and condition."""
     from stages.evaluate.summary import by_condition
 
     return by_condition(rows)
@@ -67,7 +72,7 @@ STAGE = Stage(
     name="evaluate",
     summary="swept error area (26), dynamic time warping, recovery",
     parameters=EvaluateParameters,
-    inputs=("midpoints", "rollouts"),
+    inputs=("midpoints", "dynamics", "rollouts"),
     outputs=(Port(name="metrics", filename="metrics.parquet"),),
     run=run,
     libraries=("numpy", "numba", "pyarrow"),

@@ -1,4 +1,4 @@
-"""Means of metrics over roll-outs: by controller, mode and condition. Rows in, rows out."""
+"""Means of metrics over roll-outs: by kind of dynamics, controller, mode and condition. Rows in, rows out."""
 
 from __future__ import annotations
 
@@ -6,25 +6,32 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-MEANS = ("dtw_mm", "dtw_per_step_mm", "sea_mm2", "sea_per_step_mm2", "steps", "duration_s", "final_error_mm")
+KEYS = ("dynamics", "controller", "mode", "avoidance", "condition")
+MEANS = (
+    "velocity_rmse_mm_s",
+    "dtw_mm",
+    "dtw_per_step_mm",
+    "sea_mm2",
+    "sea_per_step_mm2",
+    "steps",
+    "duration_s",
+    "final_error_mm",
+)
 
 
 def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """One row for each controller, mode, avoidance and condition, in the order in which they appear.
+    """One row for each kind of dynamics, controller, mode, avoidance and condition, in the order in which they appear.
 
     Beside the means it counts the roll-outs, those that arrived, and those whose gate never closed although they were
     displaced (null without a gate).
     """
-    groups = group(rows, lambda row: (row["controller"], row["mode"], row["avoidance"], row["condition"]))
+    groups = group(rows, lambda row: tuple(row[name] for name in KEYS))
     summary = []
-    for (controller, mode, avoidance, condition), members in groups.items():
-        displaced = [row for row in members if row["displaced_step"] is not None] if controller != "lpvds" else []
+    for key, members in groups.items():
+        displaced = [row for row in members if row["displaced_step"] is not None] if key[1] != "lpvds" else []
         summary.append(
             {
-                "controller": controller,
-                "mode": mode,
-                "avoidance": avoidance,
-                "condition": condition,
+                **dict(zip(KEYS, key, strict=True)),
                 "rollouts": len(members),
                 "arrived": sum(row["outcome"] == "arrived" for row in members),
                 **{name: mean(row[name] for row in members) for name in MEANS},

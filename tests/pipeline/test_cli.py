@@ -338,8 +338,8 @@ replicate  0
 point  artifact  bytes  file
 main   model         4  runs/.store/objects/…
 
-point  model
-main      16
+figure  value
+model      16
 """
     )
     assert result.stderr == "warning: thirteen is an unlucky offset.\n"
