@@ -3,7 +3,7 @@
 A Cholesky factorisation that runs to its end proves a matrix positive definite up to its rounding errors, which S. M.
 Rump ("Verification of positive definiteness", BIT 46, 2006) bounds by a multiple of the trace; the rounding of
 forming A'P + PA is bounded besides. So what is certified holds for the exact numbers that are stored, not only
-nearly. Not here: how the matrices are found (`solve.py`).
+nearly. Not here: how the matrices are found (`program/solve.py`).
 """
 
 from __future__ import annotations

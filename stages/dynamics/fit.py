@@ -18,8 +18,8 @@ from stages.dynamics.choose import Tried, choose
 from stages.dynamics.learn import Learning, Recipe, data_of, pooled, refine, regularised, system
 from stages.dynamics.lpvds import LpvDs, velocity_error
 from stages.dynamics.parameters import PqlfParameters, WarpedParameters
+from stages.dynamics.program.solve import Solution
 from stages.dynamics.samples import Frame, guides, thinned
-from stages.dynamics.solve import Solution
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
 

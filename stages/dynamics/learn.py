@@ -1,7 +1,7 @@
 """One candidate system, learned: features, least squares with guides and a ridge, P, A_k. Paper eqs. (6)-(8).
 
 A recipe says what a candidate is made of: a mixture, a warp, how much guides count. Every kind of dynamics that learns
-its Lyapunov function is a list of recipes. Not here: which of them is taken (`choose.py`), or the program (`solve.py`).
+its Lyapunov function is a list of recipes. Not here: which of them is taken (`choose.py`), or the program (`program/`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from stages.compiled import compiled
 from stages.dynamics.kernels import ModelArrays, Workspace, blend, image_of, workspace
 from stages.dynamics.lpvds import LpvDs, arrays
-from stages.dynamics.regression import LeastSquares, combined, gather, with_ridge
+from stages.dynamics.program.regression import LeastSquares, combined, gather, with_ridge
+from stages.dynamics.program.solve import Solution, solve
 from stages.dynamics.samples import Frame, Samples
 from stages.dynamics.search import Found, search
-from stages.dynamics.solve import Solution, solve
 from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array

@@ -17,9 +17,9 @@ from stages.dynamics.fit import CERTIFIED, DynamicsFit, check, check_positive, m
 from stages.dynamics.learn import Learning, Recipe
 from stages.dynamics.lpvds import LpvDs, arrays
 from stages.dynamics.parameters import QlfParameters
-from stages.dynamics.regression import least_squares
+from stages.dynamics.program.regression import least_squares
+from stages.dynamics.program.solve import solve, solve_norm
 from stages.dynamics.samples import frame_of
-from stages.dynamics.solve import solve, solve_norm
 from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory

@@ -1,6 +1,6 @@
 """The matrix P of V = psi'P psi, learned: an outer search over the program of eqs. (7) and (8).
 
-For a given P the best A_k are a convex program (`solve.py`); over P they are not. Its optimal value v(P) is smooth
+For a given P the best A_k are a convex program (`program/`); over P they are not. Its optimal value v(P) is smooth
 where the multipliers Z_k of A_k'P + P A_k <= -margin I are unique, and dv = sum_k <Z_k, A_k'dP + dP A_k>, so that every
 solve gives the gradient as well. P = exp(S), S symmetric, scaled to trace d, keeps it positive definite; a bound on its
 condition bounds the spread of S's eigenvalues. Started from a few matrices that are long along the data's principal
@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pipeline.errors import SolverError
-from stages.dynamics.regression import LeastSquares
-from stages.dynamics.solve import Solution, solve
+from stages.dynamics.program.regression import LeastSquares
+from stages.dynamics.program.solve import Solution, solve
 from stages.trajectory import Array
 
 ELONGATION = 5.0

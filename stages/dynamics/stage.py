@@ -26,7 +26,7 @@ def run(context: StageContext) -> None:
     from stages.artifacts.midpoints import read_midpoints, training_set
     from stages.artifacts.mixture import read_mixtures
     from stages.dynamics.lpvds import velocity_error
-    from stages.dynamics.saved import save_problem
+    from stages.dynamics.program.saved import save_problem
 
     midpoints = read_midpoints(context.inputs["midpoints"])
     training_set(midpoints)

@@ -11,8 +11,8 @@ import numpy as np
 from lasa import KINDS, motions, one_mixture, samples
 
 from stages.dynamics.lpvds import arrays
-from stages.dynamics.regression import least_squares
-from stages.dynamics.solve import solve
+from stages.dynamics.program.regression import least_squares
+from stages.dynamics.program.solve import solve
 from stages.trajectory import Trajectory
 
 PROGRAM_LIMIT = 0.002

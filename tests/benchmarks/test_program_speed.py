@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stages.dynamics.regression import LeastSquares, gather, with_ridge
-from stages.dynamics.solve import solve, solve_norm
+from stages.dynamics.program.regression import LeastSquares, gather, with_ridge
+from stages.dynamics.program.solve import solve, solve_norm
 
 SAMPLES, COMPONENTS = 600, 10
 GATHER_LIMIT = 0.0005

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.errors import DataError
-from stages.dynamics import regression
 from stages.dynamics.lpvds import arrays
-from stages.dynamics.regression import (
+from stages.dynamics.program import regression
+from stages.dynamics.program.regression import (
     LeastSquares,
     combined,
     gather,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pipeline.errors import DataError, SolverError
-from stages.dynamics import solve as module
-from stages.dynamics.regression import gather, with_ridge
-from stages.dynamics.saved import load_problem, save_problem
-from stages.dynamics.solve import solve
+from stages.dynamics.program import solve as module
+from stages.dynamics.program.regression import gather, with_ridge
+from stages.dynamics.program.saved import load_problem, save_problem
+from stages.dynamics.program.solve import solve
 
 
 def failure(weight: float, coupled: bool, form: str = "qr") -> SolverError:

@@ -11,9 +11,9 @@ from motions import rotation
 
 from pipeline.errors import SolverError
 from stages.dynamics import search as module
-from stages.dynamics.regression import LeastSquares, gather
+from stages.dynamics.program.regression import LeastSquares, gather
+from stages.dynamics.program.solve import Solution, solve
 from stages.dynamics.search import DESCENT, ELONGATION, search, starts
-from stages.dynamics.solve import Solution, solve
 
 MARGIN = 0.05
 CASES = [(2, False), (3, False), (2, True), (3, True)]

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.dynamics.conic import SOLVED, Answer, Limits, limits, minimise_gram, pull, slack, whole
-from stages.dynamics.sharpen import ACCURACY, sharpen
+from stages.dynamics.program.conic import SOLVED, Answer, Limits, limits, minimise_gram, pull, slack, whole
+from stages.dynamics.program.sharpen import ACCURACY, sharpen
 
 Program = tuple[np.ndarray, np.ndarray, Limits]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from pipeline.errors import SolverError
-from stages.dynamics import conic
-from stages.dynamics import solve as module
 from stages.dynamics.lpvds import arrays
-from stages.dynamics.regression import LeastSquares, gather, least_squares, with_ridge
-from stages.dynamics.solve import Solution, solve, solve_norm
+from stages.dynamics.program import conic
+from stages.dynamics.program import solve as module
+from stages.dynamics.program.regression import LeastSquares, gather, least_squares, with_ridge
+from stages.dynamics.program.solve import Solution, solve, solve_norm
 from stages.mixture.gaussian import GaussianMixture, responsibilities
 
 MARGIN = 0.1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.dynamics.conic import whole
-from stages.dynamics.symmetric import diagonalise, invert, norm, write_turn, write_whole
+from stages.dynamics.program.conic import whole
+from stages.dynamics.program.symmetric import diagonalise, invert, norm, write_turn, write_whole
 
 
 def random_symmetric(rng: np.random.Generator, d: int) -> np.ndarray:

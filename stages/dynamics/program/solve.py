@@ -17,10 +17,10 @@ import numpy as np
 from scipy.linalg import lapack
 
 from pipeline.errors import SolverError
-from stages.dynamics.conic import SOLVED, Answer, minimise_gram, minimise_unsquared, pull, slack, whole
-from stages.dynamics.regression import LeastSquares, reweighted
-from stages.dynamics.scaling import Scaled, scale, unsquared
-from stages.dynamics.sharpen import sharpen
+from stages.dynamics.program.conic import SOLVED, Answer, minimise_gram, minimise_unsquared, pull, slack, whole
+from stages.dynamics.program.regression import LeastSquares, reweighted
+from stages.dynamics.program.scaling import Scaled, scale, unsquared
+from stages.dynamics.program.sharpen import sharpen
 from stages.trajectory import Array, frozen
 
 # Reciprocal condition of the scaled Gram matrix, below which its rounding, 1e-16, moves A_k by more than 1e-6.
@@ -89,7 +89,7 @@ def solve(
     by, without its last digits; where it is not within the tolerance, it is solved to the end.
 
     Raises SolverError: the solver's status is not ``Solved``, or a residual is above the tolerance. The error keeps the
-    program, for `stages.dynamics.saved.save_problem`.
+    program, for `stages.dynamics.program.saved.save_problem`.
     """
     P = np.eye(problem.dimension) if lyapunov_matrix is None else np.asarray(lyapunov_matrix, dtype=np.float64)
     scaled = scale(problem, margin, P)

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.dynamics.conic import Limits, limits
-from stages.dynamics.regression import LeastSquares
+from stages.dynamics.program.conic import Limits, limits
+from stages.dynamics.program.regression import LeastSquares
 from stages.trajectory import Array
 
 # Of the largest component's share of the data: a component with less has no data to speak of.

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.compiled import compiled
-from stages.dynamics.conic import SOLVED, Answer, Limits
-from stages.dynamics.symmetric import diagonalise, invert, norm, write_turn, write_whole
+from stages.dynamics.program.conic import SOLVED, Answer, Limits
+from stages.dynamics.program.symmetric import diagonalise, invert, norm, write_turn, write_whole
 from stages.trajectory import Array
 
 ACCURACY = 1e-12

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import DataError
-from stages.dynamics.regression import Block, LeastSquares, Ridge
+from stages.dynamics.program.regression import Block, LeastSquares, Ridge
 
 _ARGUMENTS = ("margin", "lyapunov_matrix", "tolerance", "loose")
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.errors import DataError
-from stages.dynamics.gram import coupled_sums, normal_equations, sums, write_features
 from stages.dynamics.kernels import ModelArrays
+from stages.dynamics.program.gram import coupled_sums, normal_equations, sums, write_features
 from stages.trajectory import Array, frozen
 
 _SOURCE = "training data"
