@@ -69,10 +69,10 @@ def to_trajectories(demonstrations: Sequence[Demonstration], parameters: Midpoin
         positions.append(smoothed(position, parameters.smoothing, parameters.polynomial))
         differences.append(difference)
 
-    goal = common_goal(
-        [p for p, demonstration in zip(positions, demonstrations, strict=True) if demonstration.split == "train"],
-        parameters,
-    )
+    training = [p for p, demonstration in zip(positions, demonstrations, strict=True) if demonstration.split == "train"]
+    goal = common_goal(training, parameters)
+    for position, demonstration in zip(positions, demonstrations, strict=True):
+        check_end(position, training, parameters.end_spread, demonstration.name)
     shifts = np.array([goal - position[-1] for position in positions])
     trajectories = tuple(
         Trajectory(
@@ -226,6 +226,24 @@ def common_goal(training: Sequence[Array], parameters: MidpointParameters) -> Ar
     return goal
 
 
+def check_end(position: Array, training: Sequence[Array], spread: float, source: str) -> None:
+    """Raise DataError, naming `source`, where a demonstration ends elsewhere than those for training do on average.
+
+    `position`: array, shape (n, d), metres. `training`: such arrays. `spread`: what is near, as a fraction of the mean
+    diagonal of the training demonstrations' bounding boxes.
+    """
+    mean = np.mean([other[-1] for other in training], axis=0)
+    size = float(np.mean([np.linalg.norm(np.ptp(other, axis=0)) for other in training]))
+    away = float(np.linalg.norm(position[-1] - mean))
+    if away > spread * size:
+        raise DataError(
+            source,
+            f"ends {away:.3g} m from where the training demonstrations end on average, more than midpoint.end_spread = "
+            f"{spread:g} of their size ({size:.3g} m): one motion ends in one place; leave it out, make an experiment "
+            "of each goal, or raise midpoint.end_spread to have it shifted.",
+        )
+
+
 def shifted_onto(position: Array, goal: Array) -> Array:
     """Positions, array, shape (n, d), metres, moved as a whole: the last is exactly `goal`, array, shape (d,)."""
     moved = position + (goal - position[-1])
@@ -288,8 +306,10 @@ def check_parameters(parameters: MidpointParameters) -> None:
             "midpoint.velocity_window",
             f"{parameters.velocity_window:g} is out of range; more than 0, to 0.5, are possible.",
         )
-    if not 0.0 <= parameters.goal_margin < np.inf:
-        raise ParameterError("midpoint.goal_margin", f"{parameters.goal_margin:g} must be 0 or more, and finite.")
+    for name in ("goal_margin", "end_spread"):
+        value = getattr(parameters, name)
+        if not 0.0 <= value < np.inf:
+            raise ParameterError(f"midpoint.{name}", f"{value:g} must be 0 or more, and finite.")
 
 
 def _text(point: Array) -> str:

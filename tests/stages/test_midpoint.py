@@ -170,8 +170,9 @@ def test_two_arms_report_their_separation():
     assert sentence.startswith(
         "Made, demonstration 2: the separation of the arms along y, 0.3250 m on average, varies by"
     )
-    assert to_trajectories(pair(), DEFAULT).clamp_axis is None
-    assert to_trajectories(pair(), DEFAULT).clamps == (None, None)
+    single = to_trajectories(pair(), MidpointParameters(end_spread=1.0))
+    assert single.clamp_axis is None
+    assert single.clamps == (None, None)
 
 
 def test_the_stage_warns_and_keeps_the_separation(tmp_path):
@@ -263,7 +264,7 @@ def test_jittered_recording_comes_out_uniform():
 
 @pytest.mark.parametrize("samples", [10, 57, 2000])
 def test_samples_are_what_is_asked(samples):
-    result = to_trajectories(pair(), MidpointParameters(samples=samples))
+    result = to_trajectories(pair(), MidpointParameters(samples=samples, end_spread=1.0))
     assert result.samples == (samples, samples)
     assert [t.time.shape for t in result.trajectories] == [(samples,), (samples,)]
     np.testing.assert_allclose(result.trajectories[0].velocity, np.tile([1.0, 2.0], (samples, 1)), rtol=0, atol=1e-10)
@@ -350,7 +351,7 @@ def test_goal_is_the_mean_end_of_the_training_demonstrations_only():
         point(line([0, 0], [2, 4]), demo="2"),
         point(line([0, 0], [9, 9]), demo="3", split="test"),
     ]
-    result = to_trajectories(demonstrations, DEFAULT)
+    result = to_trajectories(demonstrations, MidpointParameters(end_spread=4.0))
     assert np.array_equal(result.goal, [1.5, 3.0])
     assert np.array_equal(result.shifts, [[0.5, 1.0], [-0.5, -1.0], [-7.5, -6.0]])
     for trajectory, shift in zip(result.trajectories, result.shifts, strict=True):
@@ -363,11 +364,25 @@ def test_goal_is_the_mean_end_of_the_training_demonstrations_only():
     assert not result.shifts.flags.writeable
 
 
+def test_a_demonstration_that_ends_elsewhere_is_refused_by_name():
+    straight = [point(line([0, 0], [3, 4]), demo=str(n)) for n in (1, 2)]
+    # The mean end is (3, 4) of two and, with the third, its own size is 5: 0.49 m away is near, 0.51 m is not.
+    near = point(line([0, 0], [3, 4.49]), demo="3", split="test")
+    assert to_trajectories([*straight, near], DEFAULT).shifts[2] == pytest.approx([0.0, -0.49])
+    far = point(line([0, 0], [3, 4.51]), demo="3", split="test")
+    with pytest.raises(DataError) as caught:
+        to_trajectories([*straight, far], DEFAULT)
+    sentence = "Made, demonstration 3: ends 0.51 m from where the training demonstrations end on average, more than "
+    assert str(caught.value).startswith(sentence + "midpoint.end_spread = 0.1 of their size (5 m)")
+    moved = to_trajectories([*straight, far], MidpointParameters(end_spread=0.2))
+    assert np.array_equal(moved.trajectories[2].position[-1], moved.goal)
+
+
 def test_given_goal_moves_the_demonstrations():
-    result = to_trajectories(pair(), MidpointParameters(goal=(0.5, 1.0)))
+    result = to_trajectories(pair(), MidpointParameters(goal=(0.5, 1.0), end_spread=1.0))
     assert np.array_equal(result.goal, [0.5, 1.0])
     assert np.array_equal([t.position[-1] for t in result.trajectories], [[0.5, 1.0], [0.5, 1.0]])
-    free = to_trajectories(pair(), DEFAULT)
+    free = to_trajectories(pair(), MidpointParameters(end_spread=1.0))
     assert np.array_equal(result.trajectories[0].velocity, free.trajectories[0].velocity)
 
 
