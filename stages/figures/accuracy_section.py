@@ -90,7 +90,7 @@ def _changes(results: Results, bars: Mapping[str, Sequence[Bar]], units: str) ->
         for change in changes(drawn, UNDISTURBED)
     }
     rows = tuple(
-        (controller_name(controller), title, *(_change(found.get((name, controller, c))) for c in conditions))
+        (controller_name(controller), title, *(change_cell(found.get((name, controller, c))) for c in conditions))
         for name, _, title in MEASURES
         for controller in results.controllers
     )
@@ -103,7 +103,8 @@ def _changes(results: Results, bars: Mapping[str, Sequence[Bar]], units: str) ->
     )
 
 
-def _change(change: Change | None) -> str:
+def change_cell(change: Change | None) -> str:
+    """A change as a table says it: a percentage, and its interval where there is one."""
     if change is None:
         return MISSING
     text = percent(change.ratio, sign=True)

@@ -57,7 +57,7 @@ def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> l
     """
     return [
         *_mixture(parameters["mixture"]),
-        *_integrator(parameters["rollout"]),
+        *_integrator(parameters["rollout"], parameters["dynamics"]),
         *_dynamics(parameters["dynamics"]),
         *_coupling(parameters["rollout"], resolved),
         *_disturbances(parameters["rollout"]),
@@ -69,16 +69,28 @@ def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> l
 def _mixture(mixture: Any) -> list[Deviation]:
     where = "(5), ref. [32]"
     if mixture.kind == "pcgmm":
+        chains = f" in each of {mixture.chains} chains" if mixture.chains > 1 else ""
         return [
             Deviation(
                 where=where,
                 printed="PC-GMM; its sampler, prior and similarity are not printed",
-                here=f"Collapsed Gibbs sampling of links: {mixture.sweeps} sweeps over at most {mixture.points} points "
-                f"spread by arc length, the state of highest posterior, then at most {mixture.polish} steps of "
-                f"expectation maximisation on all points. Similarity width: {given(mixture.length_scale)} of the "
-                "data's rms radius. Prior: the full covariance of the data.",
+                here=f"Collapsed Gibbs sampling of links: {mixture.sweeps} sweeps{chains} over at most "
+                f"{mixture.points} points spread by arc length, the state of highest posterior, then at most "
+                f"{mixture.polish} steps of expectation maximisation on all points. Similarity width: "
+                f"{given(mixture.length_scale)} of the data's rms radius. Prior: the full covariance of the data.",
                 why="A sweep costs the square of the number of points. Published codes disagree about the similarity, "
                 "and depend on the unit and on the axes; this one does not.",
+            )
+        ]
+    if mixture.kind == "auto":
+        sizes = ", ".join(str(size) for size in mixture.components)
+        return [
+            Deviation(
+                where=where,
+                printed="PC-GMM, which finds K",
+                here=f"Several candidates: PC-GMM and plain expectation maximisation with K = {sizes}. The system of "
+                "eq. (6) is learned on each; the one whose roll-outs follow the training demonstrations best is taken.",
+                why="No criterion of the mixture alone says which one makes the most accurate motion.",
             )
         ]
     how = "K by the Bayesian information criterion" if mixture.components is None else f"K = {mixture.components}"
@@ -103,22 +115,80 @@ def _dynamics(dynamics: Any) -> list[Deviation]:
                 why="The text calls the program quadratic; squared, it needs one pass over the data.",
             )
         )
+    margin = f"at most {MINUS}{given(dynamics.margin)} 1/s, proved by a Cholesky factorisation with a bound on its "
     if dynamics.kind == "qlf":
-        row = Deviation(
-            where="(8)",
-            printed="A_{k} + A_{k}^{T} negative definite",
-            here=f"A_{{k}} + A_{{k}}^{{T}} at most {MINUS}{given(dynamics.margin)} 1/s, proved by a Cholesky "
-            "factorisation with a bound on its rounding.",
-            why="A solver cannot keep a strict inequality: asked for 0, it returns eigenvalues slightly above.",
+        rows.append(
+            Deviation(
+                where="(8)",
+                printed="A_{k} + A_{k}^{T} negative definite",
+                here=f"A_{{k}} + A_{{k}}^{{T}} {margin}rounding.",
+                why="A solver cannot keep a strict inequality: asked for 0, it returns eigenvalues slightly above.",
+            )
         )
-    else:
+        return rows
+    learned = (
+        f"P learned, trace P = d, condition at most {given(dynamics.condition)}, A_{{k}}^{{T}}P + P A_{{k}} {margin}"
+        f"rounding: `dynamics.kind = {dynamics.kind}`."
+    )
+    if dynamics.kind == "pqlf":
         row = Deviation(
             where="(8)",
             printed=f"V = |x {MINUS} x_{{g}}|^{{2}}",
-            here=f"Another Lyapunov function: `dynamics.kind = {dynamics.kind}`.",
-            why="For many motions no system with the printed V comes near the demonstrations.",
+            here=f"V = (x {MINUS} x_{{g}})^{{T}}P(x {MINUS} x_{{g}}), {learned}",
+            why="Circles let few motions pass by their goal before they approach it; ellipses let more of them.",
         )
-    return [*rows, row]
+    else:
+        row = Deviation(
+            where="(6), (8)",
+            printed=f"f(x) = sum of gamma_{{k}} A_{{k}}(x {MINUS} x_{{g}}), V = |x {MINUS} x_{{g}}|^{{2}}",
+            here="f(x) = J^{-1} sum of gamma_{k} A_{k} psi(x), V = psi^{T}P psi, psi a learned diffeomorphism with "
+            f"Jacobian J and psi(x_{{g}}) = 0, {learned}",
+            why="For many motions no system with a quadratic V comes near the demonstrations.",
+        )
+    return [*rows, row, *_learning(dynamics)]
+
+
+def _learning(dynamics: Any) -> list[Deviation]:
+    """What kinds that learn their V add to eqs. (5)-(7)."""
+    rows = [
+        Deviation(
+            where="(5), (6), gates",
+            printed="gamma_{k} of the fitted mixture",
+            here=f"Its covariances times {given(dynamics.widening)}, and blurred by {given(dynamics.blur)} of the "
+            "motion's size.",
+            why="Components hand over smoothly, so that the flow beside the demonstrations is not left to one alone.",
+        )
+    ]
+    terms = []
+    if dynamics.ridge > 0.0:
+        terms.append(f"a ridge of {given(dynamics.ridge)} that holds A_{{k}} near its component's own rate")
+    if any(weight > 0.0 for weight in dynamics.guidance):
+        weights = " or ".join(given(weight) for weight in dynamics.guidance)
+        terms.append(
+            f"guides {given(dynamics.guide_width)} of the motion's size beside the path that lead back to it, with "
+            f"{weights} of the samples' weight"
+        )
+    if terms:
+        rows.append(
+            Deviation(
+                where="(7), added",
+                printed="The demonstrations' samples alone",
+                here=f"And {joined(terms)}.",
+                why="Samples say nothing of what to do beside the path. No error that is reported counts what is "
+                "added.",
+            )
+        )
+    if dynamics.speed_limit is not None:
+        rows.append(
+            Deviation(
+                where="(6), speed",
+                printed="Speed grows with the distance, without bound",
+                here=f"f is scaled down to {given(dynamics.speed_limit)} times the training demonstrations' top speed "
+                "where it would exceed that.",
+                why="A linear system is twice as fast twice as far away. How fast V falls changes, not whether.",
+            )
+        )
+    return rows
 
 
 def _coupling(rollout: RolloutParameters, resolved: Sequence[Resolved]) -> list[Deviation]:
@@ -192,9 +262,12 @@ def _paper(
     return rows
 
 
-def _integrator(rollout: RolloutParameters) -> list[Deviation]:
+def _integrator(rollout: RolloutParameters, dynamics: Any) -> list[Deviation]:
     if rollout.integrator == "cayley":
-        here = f"Cayley step: (I {MINUS} h A/2) z^{{+}} = (I + h A/2) z, with A = A(z) and z = x {MINUS} x_{{g}}."
+        state = "z = psi(x), and x^{+} = psi^{-1}(z^{+})" if dynamics.kind == "warped" else f"z = x {MINUS} x_{{g}}"
+        here = (
+            f"Cayley step: (I {MINUS} h A/2) z^{{+}} = (I + h A/2) z, with A = sum of gamma_{{k}}(x) A_{{k}}, {state}."
+        )
         why = "V cannot rise in it, whatever the step; with explicit Euler it can."
     else:
         here, why = "Explicit Euler.", "`rollout.integrator = euler` was set; V can rise in a step."
@@ -243,9 +316,10 @@ def _metrics(evaluate: Any) -> list[Deviation]:
         Deviation(
             where="(26), DTWD",
             printed="Named dynamic time warping distance; the formula is the swept area a step",
-            here=f"Both: the formula as printed, and dynamic time warping. Paths at {evaluate.samples} samples, "
-            "uniform in time; where the sides of a quadrilateral cross, its two triangles count.",
-            why="The formula warps nothing, and its 1/T depends on the sampling. Measured is the executed state, its "
-            "excursion included: x of a coupled system never leaves its path.",
+            here=f"Both, on paths of {evaluate.samples} samples: the formula, samples uniform in arc length, the two "
+            "triangles where the sides of a quadrilateral cross; and dynamic time warping, samples uniform in time.",
+            why="The formula warps nothing: uniform in time, a pause would count as an area. Its 1/T depends on the "
+            "sampling. Measured is the executed state, its excursion included: x of a coupled system never leaves its "
+            "path.",
         )
     ]

@@ -1,7 +1,8 @@
 """Fig. 2 of the paper: the flow of the learned system, the demonstrations, and roll-outs that are pushed aside.
 
-Arrays in, SVG documents out. Systems of three coordinates are shown in the plane of the two in which the demonstrations
-reach farthest, without flow lines (a flow in a plane does not stay in it). Not here: which cases are shown.
+Arrays in, SVG documents out. Systems of three coordinates are shown in the planes in which the demonstrations reach
+farthest, without flow lines and level lines of V (a flow in a plane does not stay in it). Not here: which cases are
+shown.
 """
 
 from __future__ import annotations
@@ -32,19 +33,27 @@ PLANAR = 2
 GRID = 60
 """Samples of the flow along the longer side."""
 
+FINE = 150
+"""Samples of V along the longer side: its level lines may bend sharply."""
+
+LEVELS = 10
+"""Level lines of V up to its largest value in the picture, evenly spaced in the square root of V, a length."""
+
 DEVIATIONS = (1.0, 2.0)
 """Standard deviations at which the ellipses of the mixture components are drawn."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """What all panels share, in metres.
+    """What panels are drawn over, in metres.
 
     Attributes:
         train, test: demonstrations, arrays, shape (n, d).
         means, covariances: of the mixture, arrays, shape (K, d), (K, d, d).
         goal: array, shape (d,).
         velocity: of states, arrays, shape (n, d), m -> m/s.
+        lyapunov: V of states, arrays, shape (n, d), m -> (n,), m^2; none: its level lines are not drawn.
+        names: of the coordinates.
     """
 
     train: Sequence[Array]
@@ -53,6 +62,8 @@ class Scene:
     covariances: Array
     goal: Array
     velocity: Callable[[Array], Array]
+    lyapunov: Callable[[Array], Array] | None = None
+    names: Sequence[str] = "xyz"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,20 +95,30 @@ def legend(scene: Scene, paths: Sequence[Path]) -> tuple[Key, ...]:
     keys.append(Key(label="mixture components, 1 and 2 standard deviations", colour="series-4", mark="area"))
     if scene.goal.shape[0] == PLANAR:
         keys.append(Key(label="flow of the learned system", colour="faint"))
+        if scene.lyapunov is not None:
+            keys.append(Key(label="level lines of V", colour="series-5"))
     return tuple(keys)
 
 
-def axes_shown(demonstrations: Sequence[Array]) -> tuple[int, int]:
-    """The two coordinates in which the demonstrations reach farthest, in order."""
+def planes(demonstrations: Sequence[Array]) -> list[tuple[int, int]]:
+    """The planes that are shown, each as two coordinates in order.
+
+    Of two coordinates the only one; of more, that of the two in which the demonstrations reach farthest, and that of
+    the farthest and the third.
+    """
     points = np.concatenate(list(demonstrations))
-    reach = points.max(axis=0) - points.min(axis=0)
-    first, second = sorted(np.argsort(-reach, kind="stable")[:2].tolist())
-    return first, second
+    farthest = np.argsort(points.min(axis=0) - points.max(axis=0), kind="stable").tolist()
+    return [(min(farthest[0], other), max(farthest[0], other)) for other in farthest[1:3]]
 
 
-def frame(scene: Scene, panels: Sequence[Sequence[Path]]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of the two shown coordinates, metres, for all panels: they hold all that is near the demonstrations."""
-    shown = list(axes_shown([*scene.train, *scene.test]))
+def frame(
+    scene: Scene, panels: Sequence[Sequence[Path]], plane: tuple[int, int]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges of the two coordinates of a plane, metres, for all panels: they hold all that is near the demonstrations.
+
+    `panels`: the paths of each.
+    """
+    shown = list(plane)
     known = np.concatenate([*scene.train, *scene.test, scene.goal[None]])[:, shown]
     low, high = known.min(axis=0), known.max(axis=0)
     reach = FAR * float((high - low).max())
@@ -111,6 +132,7 @@ def flow_panel(
     title: str,
     series: str,
     extent: tuple[tuple[float, float], tuple[float, float]],
+    plane: tuple[int, int],
     columns: int,
 ) -> str:
     """One panel: a controller under a condition.
@@ -118,44 +140,53 @@ def flow_panel(
     Arguments:
         series: name of the controller's colour in the palette.
         extent: from `frame`, metres.
+        plane: from `planes`.
         columns: panels beside each other.
     """
     (x0, x1), (y0, y1) = extent
     width = panel_width(columns)
     height = 0.75 + (width - 0.65) * min(1.25, (y1 - y0) / (x1 - x0))
     with drawing(width, height) as (figure, (axes,)):
-        shown = axes_shown([*scene.train, *scene.test])
-        _draw_scene(axes, scene, extent, shown, stream=scene.goal.shape[0] == PLANAR)
+        if scene.goal.shape[0] == PLANAR:
+            _draw_flow(axes, scene, extent)
+        _draw_scene(axes, scene, plane)
         for path in paths:
-            _draw_path(axes, path, shown, colour(series))
-        axes.plot(*(scene.goal[list(shown)] * MM), "*", ms=13, color=colour("ink"), mec=colour("surface"), zorder=9)
+            _draw_path(axes, path, plane, colour(series))
+        axes.plot(*(scene.goal[list(plane)] * MM), "*", ms=13, color=colour("ink"), mec=colour("surface"), zorder=9)
         axes.set(xlim=(x0 * MM, x1 * MM), ylim=(y0 * MM, y1 * MM), aspect="equal", title=title)
-        axes.set_xlabel(f"{'xyz'[shown[0]]} [mm]")
-        axes.set_ylabel(f"{'xyz'[shown[1]]} [mm]")
+        axes.set_xlabel(f"{scene.names[plane[0]]} [mm]")
+        axes.set_ylabel(f"{scene.names[plane[1]]} [mm]")
         return svg(figure)
 
 
-def _draw_scene(
-    axes: Axes,
-    scene: Scene,
-    extent: tuple[tuple[float, float], tuple[float, float]],
-    shown: tuple[int, int],
-    *,
-    stream: bool,
-) -> None:
+def _draw_flow(axes: Axes, scene: Scene, extent: tuple[tuple[float, float], tuple[float, float]]) -> None:
+    """Flow lines, and level lines of V; of two coordinates."""
+    xs, ys, states = _grid(extent, GRID)
+    flow = scene.velocity(states).reshape(*ys.shape, *xs.shape, 2)
+    axes.streamplot(
+        xs * MM, ys * MM, flow[..., 0], flow[..., 1],
+        color=colour("faint"), linewidth=0.6, arrowsize=0.7, density=0.9, zorder=1,
+    )  # fmt: skip
+    if scene.lyapunov is not None:
+        xs, ys, states = _grid(extent, FINE)
+        root = np.sqrt(scene.lyapunov(states)).reshape(*ys.shape, *xs.shape)
+        levels = np.linspace(0.0, root.max(), LEVELS + 1)[1:-1]
+        axes.contour(xs * MM, ys * MM, root, levels, colors=colour("series-5"), linewidths=0.8, alpha=0.8, zorder=2)
+
+
+def _grid(extent: tuple[tuple[float, float], tuple[float, float]], most: int) -> tuple[Array, Array, Array]:
+    """Coordinates along both axes, and the states of the grid, shape (n, 2), row by row; `most` on the longer side."""
+    (x0, x1), (y0, y1) = extent
+    longest = max(x1 - x0, y1 - y0)
+    xs = np.linspace(x0, x1, max(8, round(most * (x1 - x0) / longest)))
+    ys = np.linspace(y0, y1, max(8, round(most * (y1 - y0) / longest)))
+    return xs, ys, np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+
+
+def _draw_scene(axes: Axes, scene: Scene, shown: tuple[int, int]) -> None:
+    """Components of the mixture, and demonstrations."""
     from matplotlib.patches import Ellipse
 
-    if stream:
-        (x0, x1), (y0, y1) = extent
-        longest = max(x1 - x0, y1 - y0)
-        xs = np.linspace(x0, x1, max(8, round(GRID * (x1 - x0) / longest)))
-        ys = np.linspace(y0, y1, max(8, round(GRID * (y1 - y0) / longest)))
-        grid = np.stack(np.meshgrid(xs, ys), axis=-1)
-        flow = scene.velocity(grid.reshape(-1, 2)).reshape(grid.shape)
-        axes.streamplot(
-            xs * MM, ys * MM, flow[..., 0], flow[..., 1],
-            color=colour("faint"), linewidth=0.6, arrowsize=0.7, density=0.9, zorder=1,
-        )  # fmt: skip
     for mean, covariance in zip(scene.means, scene.covariances, strict=True):
         block = covariance[np.ix_(shown, shown)]
         variances, directions = np.linalg.eigh(block)

@@ -22,6 +22,14 @@ NAMES = {
 }
 """What figures and tables call the controllers."""
 
+KINDS = {"qlf": "QLF", "pqlf": "P-QLF", "warped": "warped"}
+"""What figures and tables call the kinds of dynamics, in their order."""
+
+
+def kind_name(kind: str) -> str:
+    """The name of a kind of dynamics."""
+    return KINDS.get(kind, kind)
+
 
 def controller_name(label: str) -> str:
     """The name of a controller, from its label."""

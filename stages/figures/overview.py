@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.figures.flow import axes_shown
+from stages.figures.flow import planes
 from stages.figures.numbers import MM
 from stages.figures.style import colour, controller_colours, drawing, limits, panel_width, svg
 from stages.trajectory import Array
@@ -41,7 +41,7 @@ def motion_panel(motion: Motion) -> str:
     """A motion to its own scale, without axes."""
     width = panel_width(COLUMNS)
     with drawing(width, width + 0.2) as (figure, (axes,)):
-        shown = list(axes_shown(motion.demonstrations))
+        shown = list(planes(motion.demonstrations)[0])
         colours = controller_colours(list(motion.rollouts))
         for demonstration in motion.demonstrations:
             axes.plot(*_thinned(demonstration[:, shown]).T, color=colour("faint"), lw=0.9)

@@ -1,73 +1,20 @@
-"""The report's sections of how it came about: certificates, deviations, parameters, provenance.
+"""The report's sections of how it came about: deviations, parameters, provenance.
 
 Results in, sections out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from pipeline.report import Paragraph, Section, Table
+from pipeline.report import Section, Table
 from pipeline.values import flatten, plain
-from stages.artifacts.dynamics import read_components
 from stages.figures.deviations import deviations
-from stages.figures.numbers import (
-    MISSING,
-    MM,
-    cell,
-    given,
-    number,
-)
-from stages.figures.results import Results
+from stages.figures.numbers import MISSING, cell, kind_name, number
+from stages.figures.results import KIND, PointResults, Results
 
 SHORT = 12
 """Characters of a digest that are shown: enough to tell them apart and to find them."""
-
-
-def certificates(results: Results) -> Section:
-    """Certificates and solver reports, one row a fit."""
-    rows = []
-    for point in results.points:
-        fit = point.fit
-        certificate, solver = fit.get("certificate", {}), fit.get("solver", {})
-        residuals = solver.get("residuals", {})
-        worst = max(residuals, key=lambda name: residuals[name]) if residuals else None
-        rows.append(
-            (
-                point.name,
-                str(point.model.mixture.components),
-                given(certificate["margin"]) if "margin" in certificate else MISSING,
-                number(max(c["largest_eigenvalue"] for c in read_components(point.files["dynamics"]))),
-                number(certificate.get("shifted")),
-                str(solver.get("status", MISSING)),
-                number(solver.get("iterations")),
-                f"{worst} {number(residuals[worst], 2)}" if worst else MISSING,
-                number(fit["rmse"] * MM) if "rmse" in fit else MISSING,
-                number(fit.get("relative_rmse")),
-            )
-        )
-    text = Paragraph(
-        text="A certificate proves, rounding included, that V falls along every solution: A_{k}^{T}P + P A_{k} is at "
-        "most minus the margin for every k. The solver's residuals are recomputed from its answer, without units."
-    )
-    table = Table(
-        caption="Certificate and solver report by fit",
-        columns=(
-            results.points_word[:-1],
-            "K",
-            "proved margin [1/s]",
-            "largest eigenvalue [1/s]",
-            "A_{k} shifted",
-            "solver",
-            "iterations",
-            "largest residual",
-            "velocity error [mm/s]",
-            "relative",
-        ),
-        rows=tuple(rows),
-        collapsed=results.is_sweep,
-    )
-    return Section(id="certificates", title="Certificates", blocks=(text, table))
 
 
 def deviations_section(results: Results) -> Section:
@@ -82,20 +29,39 @@ def deviations_section(results: Results) -> Section:
 
 
 def parameters(results: Results) -> Section:
-    """All parameters by dotted name; what a sweep varies as the list of its values."""
+    """All parameters by dotted name, of a sweep the list of all values; by kind of dynamics where kinds differ."""
     experiment = results.experiment
-    points = [flatten(plain(p.point.parameters)) for p in results.points]
-    names = list(dict.fromkeys(name for values in points for name in values))
+    by_kind = {kind: _values(results.of_kind(kind).points) for kind in results.kinds}
+    stages = list(results.shown.point.parameters)
+    names = dict.fromkeys(name for values in by_kind.values() for name in values)
     rows = [("preset", experiment.preset)]
     rows.append(("seed", ", ".join(dict.fromkeys(str(p.point.seed) for p in results.points))))
-    for name in names:
-        rows.append((f"`{name}`", ", ".join(dict.fromkeys(cell(values.get(name)) for values in points))))
+    for name in sorted(names, key=lambda name: stages.index(name.partition(".")[0])):
+        found = {kind: values[name] for kind, values in by_kind.items() if name in values}
+        of_all = len(found) == len(by_kind) and len(set(found.values())) == 1
+        text = ", ".join(found) if name == KIND else found[results.kind] if of_all else _apart(found)
+        rows.append((f"`{name}`", text))
     table = Table(
         caption="All parameters, defaults included, in SI units; of a sweep all values. A dash: left to the program",
         columns=("parameter", "value"),
         rows=tuple(rows),
     )
     return Section(id="parameters", title="Parameters", blocks=(table,))
+
+
+def _values(points: Sequence[PointResults]) -> dict[str, str]:
+    """Dotted name -> all values that it has at these points, in order."""
+    flat = [flatten(plain(point.point.parameters)) for point in points]
+    names = dict.fromkeys(name for values in flat for name in values)
+    return {name: ", ".join(dict.fromkeys(cell(values[name]) for values in flat if name in values)) for name in names}
+
+
+def _apart(found: Mapping[str, str]) -> str:
+    """Values by kind of dynamics, as in ``QLF, P-QLF: 0.001; warped: 0.03``."""
+    kinds: dict[str, list[str]] = {}
+    for kind, value in found.items():
+        kinds.setdefault(value, []).append(kind_name(kind))
+    return "; ".join(f"{', '.join(names)}: {value}" for value, names in kinds.items())
 
 
 def provenance(results: Results) -> Section:
@@ -111,7 +77,7 @@ def provenance(results: Results) -> Section:
         by_stage.append((stage, code, libraries, components[0]["python"], seeds or MISSING))
     keys = [
         (
-            p.name,
+            f"{p.name}, {kind_name(p.kind)}" if len(results.kinds) > 1 else p.name,
             stage,
             f"`{record['key'][:SHORT]}`",
             ", ".join(f"{name} `{entry['digest'][:SHORT]}`" for name, entry in sorted(record["outputs"].items())),

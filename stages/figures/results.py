@@ -5,15 +5,17 @@ Everything is read when it is first asked for. Not here: how anything is shown.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.experiment import Experiment, Point
+from pipeline.experiment import FILE, Experiment, Point
 from pipeline.project import Project
 from stages.artifacts import dynamics as dynamics_table
 from stages.artifacts import rollouts as rollouts_table
@@ -22,9 +24,14 @@ from stages.artifacts.midpoints import Midpoints, read_midpoints
 from stages.artifacts.mixture import read_sampler
 from stages.artifacts.rollouts import RecordedRollout, read_rollouts
 from stages.dynamics.lpvds import LpvDs
+from stages.dynamics.stage import STAGE as DYNAMICS
 from stages.figures.deviations import Resolved
+from stages.figures.numbers import KINDS
 from stages.rollout.parameters import Condition, RolloutParameters
 from stages.trajectory import Array
+
+KIND = "dynamics.kind"
+"""Dotted name of the kind of dynamics."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,12 +50,27 @@ class PointResults:
 
     @property
     def name(self) -> str:
-        """What the point is called: its motion, or what sets it apart in the sweep."""
+        """What the point is called among those of its kind: its motion, or what sets it apart in the sweep."""
         ingest = self.point.parameters["ingest"]
         motion = getattr(ingest, "motion", None)
         if motion is None:
-            return self.point.id if self.point.overrides else str(ingest.dataset)
-        return str(motion) if set(self.point.overrides) <= {"ingest.motion"} else f"{motion}, {self.point.id}"
+            return self.point.id if self.varied else str(ingest.dataset)
+        return str(motion) if self.varied <= {"ingest.motion"} else f"{motion}, {self.point.id}"
+
+    @property
+    def kind(self) -> str:
+        """Its kind of dynamics."""
+        return str(self.point.parameters["dynamics"].kind)
+
+    @property
+    def varied(self) -> frozenset[str]:
+        """Dotted names of what the sweep sets, the kind of dynamics excepted: points of other kinds share it."""
+        return frozenset(self.point.overrides) - {KIND}
+
+    @property
+    def partner(self) -> tuple[tuple[str, str], ...]:
+        """What it has in common with its partners of other kinds: what the sweep sets, the kind excepted."""
+        return tuple((name, repr(self.point.overrides[name])) for name in sorted(self.varied))
 
     @cached_property
     def midpoints(self) -> Midpoints:
@@ -58,12 +80,17 @@ class PointResults:
     @cached_property
     def model(self) -> LpvDs:
         """The learned system."""
-        return dynamics_table.read_dynamics(self.files["dynamics"], self.files["mixture"])
+        return dynamics_table.read_dynamics(self.files["dynamics"])
 
     @cached_property
     def fit(self) -> dict[str, Any]:
         """Certificate, solver report and errors of the fit."""
         return dynamics_table.read_details(self.files["dynamics"])
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition of P: of its ellipses, the ratio of the axes squared."""
+        return float(np.linalg.cond(np.array(self.fit["P"])))
 
     @cached_property
     def rollouts(self) -> tuple[RecordedRollout, ...]:
@@ -83,9 +110,14 @@ class PointResults:
         return [{"point": self.point.id, **row} for row in read_metrics(self.files["metrics"])]
 
     @cached_property
-    def sampler(self) -> tuple[dict[str, NDArray[Any]], dict[int, float]]:
-        """Log posterior and number of components by sweep, and the criterion by number of components."""
-        return read_sampler(self.files["sampler"])
+    def sampler(self) -> tuple[Array, NDArray[np.int64], dict[int, float]]:
+        """Of the mixture that was taken: log posterior and K, shape (chains, sweeps), and the criterion by K."""
+        columns, criteria = read_sampler(self.files["sampler"])
+        name = self.fit["mixture"]
+        own = columns["candidate"] == name
+        chains = int(columns["chain"][own].max()) + 1
+        log_posterior = columns["log_posterior"][own].reshape(chains, -1)
+        return log_posterior, columns["components"][own].reshape(chains, -1), criteria.get(name, {})
 
     @property
     def rollout_parameters(self) -> RolloutParameters:
@@ -96,10 +128,32 @@ class PointResults:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
-    """An experiment and all its points."""
+    """An experiment and its points, or those of one kind of dynamics.
+
+    Attributes:
+        experiment: as it was resolved.
+        points: in the order of the sweep.
+        kind: of dynamics, the experiment's own; a sweep may have others beside it.
+    """
 
     experiment: Experiment
     points: tuple[PointResults, ...]
+    kind: str
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        """Kinds of dynamics of the points, those that are known first."""
+        found = dict.fromkeys(point.kind for point in self.points)
+        return [*(kind for kind in KINDS if kind in found), *(kind for kind in found if kind not in KINDS)]
+
+    @cached_property
+    def own(self) -> Results:
+        """The points of the experiment's own kind."""
+        return self.of_kind(self.kind)
+
+    def of_kind(self, kind: str) -> Results:
+        """The points of a kind of dynamics."""
+        return replace(self, points=tuple(point for point in self.points if point.kind == kind), kind=kind)
 
     @property
     def is_sweep(self) -> bool:
@@ -115,9 +169,7 @@ class Results:
     def points_word(self) -> str:
         """What the points are called together."""
         motions = all(hasattr(p.point.parameters["ingest"], "motion") for p in self.points)
-        return (
-            "motions" if motions and all(set(p.point.overrides) <= {"ingest.motion"} for p in self.points) else "points"
-        )
+        return "motions" if motions and all(p.varied <= {"ingest.motion"} for p in self.points) else "points"
 
     @cached_property
     def shown(self) -> PointResults:
@@ -147,7 +199,16 @@ def read_results(project: Project, experiment: Experiment) -> Results:
             for name, artifact in project.store.outputs(examined.record).items():
                 files[examined.point.id][name] = project.store.path(artifact.digest)
     points = tuple(PointResults(point=p, files=files[p.id], records=records[p.id]) for p in experiment.points)
-    return Results(experiment=experiment, points=points)
+    return Results(experiment=experiment, points=points, kind=_own_kind(experiment, [p.kind for p in points]))
+
+
+def _own_kind(experiment: Experiment, kinds: list[str]) -> str:
+    """The kind of dynamics that the experiment's file gives, or its preset; of a sweep without it, the last."""
+    if len(set(kinds)) == 1:
+        return kinds[0]
+    given = tomllib.loads((experiment.folder / FILE).read_text(encoding="utf-8-sig")).get("dynamics", {})
+    kind = given.get("kind", DYNAMICS.presets[experiment.preset]["kind"])
+    return str(kind) if kind in kinds else kinds[-1]
 
 
 def label(row: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.report import Block, Figure, Key, Panel, Section
 from stages.artifacts.rollouts import RecordedRollout
-from stages.figures.flow import PLANAR, Path, Scene, flow_panel, frame, legend
+from stages.figures.flow import Path, Scene, flow_panel, frame, legend, planes
 from stages.figures.numbers import MM, UNDISTURBED, condition_name, controller_name, joined, number, vector_mm
 from stages.figures.overview import COLUMNS, Motion, motion_panel
 from stages.figures.recovery import Case, recovery_panel
@@ -32,15 +32,7 @@ def rollouts_section(results: Results) -> Section:
 def _fig2(results: Results) -> Figure:
     """Rows: the farthest push in each direction, or undisturbed where there is none. Columns: controllers."""
     shown = results.shown
-    midpoints, model = shown.midpoints, shown.model
-    scene = Scene(
-        train=[t.position for t in midpoints.of_split("train")],
-        test=[t.position for t in midpoints.of_split("test")],
-        means=model.mixture.means,
-        covariances=model.mixture.covariances,
-        goal=midpoints.goal,
-        velocity=model.velocity,
-    )
+    scene = scene_of(shown)
     pushed = largest_by_direction(shown.rollout_parameters.conditions)
     names = {c.name: f"{condition_name(c.name)}, {vector_mm(c.displacement or ())}" for c in pushed}
     if not names:
@@ -51,16 +43,21 @@ def _fig2(results: Results) -> Figure:
         for controller in results.controllers
         if (found := [r for r in shown.rollouts if (r.condition, r.label) == (condition, controller)])
     }
-    paths = {case: [_path(r) for r in found] for case, found in cases.items()}
-    extent = frame(scene, list(paths.values()))
+    paths = {case: [path_of(r) for r in found] for case, found in cases.items()}
+    extents = {plane: frame(scene, list(paths.values()), plane) for plane in planes([*scene.train, *scene.test])}
     colours = controller_colours(results.controllers)
     columns = min(MOST_COLUMNS, len(results.controllers)) if len(results.controllers) > 1 else min(2, len(paths))
+    if len(extents) > 1:
+        columns = len(extents)
     panels = []
     for (condition, controller), drawn in paths.items():
         title = f"{controller_name(controller)}: {names[condition]}"
         arrived = sum(r.outcome == "arrived" for r in cases[condition, controller])
-        alt = f"{title}. {len(drawn)} roll-outs over the flow field; {arrived} of them reach the goal."
-        panels.append(Panel(svg=flow_panel(scene, drawn, title, colours[controller], extent, columns), alt=alt))
+        reached = f"{arrived} of {len(drawn)} roll-outs reach the goal"
+        for plane, extent in extents.items():
+            alt = f"{title}. {reached}, drawn {_over(plane, len(extents))}."
+            svg = flow_panel(scene, drawn, title, colours[controller], extent, plane, columns)
+            panels.append(Panel(svg=svg, alt=alt))
     return Figure(
         panels=tuple(panels),
         columns=columns,
@@ -68,11 +65,16 @@ def _fig2(results: Results) -> Figure:
             *controller_keys(results.controllers),
             *legend(scene, [path for drawn in paths.values() for path in drawn]),
         ),
-        caption=_fig2_caption(shown, pushed, results.controllers),
+        caption=_fig2_caption(shown, pushed, results.controllers, len(extents)),
     )
 
 
-def _fig2_caption(shown: PointResults, pushed: list[Condition], controllers: list[str]) -> str:
+def _over(plane: tuple[int, int], count: int) -> str:
+    """What a panel's paths are drawn over: the flow, or one of `count` planes."""
+    return "over the flow" if count == 1 else f"in the plane of {'xyz'[plane[0]]} and {'xyz'[plane[1]]}"
+
+
+def _fig2_caption(shown: PointResults, pushed: list[Condition], controllers: list[str], count: int) -> str:
     splits = dict.fromkeys({"train": "training"}.get(r.split, r.split) for r in shown.rollouts)
     sentences = [f"{shown.name}. Executed paths from the first points of the {joined(list(splits))} demonstrations."]
     if pushed:
@@ -84,12 +86,29 @@ def _fig2_caption(shown: PointResults, pushed: list[Condition], controllers: lis
                 "A coupled system returns to where it was, while its state x waits, and goes on from there."
             )
     sentences.append("Dots: starts; star: goal.")
-    if shown.model.dimension != PLANAR:
-        sentences.append("Shown are the two of three coordinates in which the demonstrations reach farthest.")
+    if count > 1:
+        sentences.append(
+            "The two planes hold the coordinate in which the demonstrations reach farthest, and one other each."
+        )
     return " ".join(sentences)
 
 
-def _path(rollout: RecordedRollout) -> Path:
+def scene_of(point: PointResults) -> Scene:
+    """Demonstrations, mixture and flow of a point."""
+    midpoints, model = point.midpoints, point.model
+    return Scene(
+        train=[t.position for t in midpoints.of_split("train")],
+        test=[t.position for t in midpoints.of_split("test")],
+        means=model.mixture.means,
+        covariances=model.mixture.covariances,
+        goal=midpoints.goal,
+        velocity=model.velocity,
+        lyapunov=model.lyapunov,
+    )
+
+
+def path_of(rollout: RecordedRollout) -> Path:
+    """A roll-out as it is drawn: with its state x where that is not the executed one."""
     x = None if rollout.controller == "lpvds" else rollout.x
     return Path(x=x, executed=rollout.p_hat, displaced=rollout.displaced)
 

@@ -20,32 +20,45 @@ def sampler_panels(
     """Two small pictures: what rose, and K, by sweep; with a criterion, its values by K instead of the second.
 
     Arguments:
-        log_posterior: array, shape (n,), after each sweep; of ``em``, the log likelihood at each iteration.
-        components: array, shape (n,), number of components after each sweep.
+        log_posterior: array, shape (chains, n), after each sweep; of ``em``, one row, the log likelihood at each
+            iteration.
+        components: array, shape (chains, n), number of components after each sweep.
         criterion: number of components -> Bayesian information criterion; the lowest is chosen.
         kind: ``pcgmm`` or ``em``.
     """
     what, over = ("log likelihood", "iteration") if kind == "em" else ("log posterior", "sweep")
-    steps = np.arange(1, len(log_posterior) + 1)
-    best = int(np.argmax(log_posterior))
-    panels = [_line(steps, log_posterior, what, over, best)]
+    steps = np.arange(1, log_posterior.shape[1] + 1)
+    chain, best = np.unravel_index(int(np.argmax(log_posterior)), log_posterior.shape)
+    kept = (int(chain), int(best))
+    panels = [_lines(steps, log_posterior, what, over, kept)]
     if criterion:
         tried = np.array(sorted(criterion))
         values = np.array([criterion[int(k)] for k in tried])
-        panels.append(_line(tried, values, "Bayesian information criterion", "components K", int(np.argmin(values))))
+        lowest = (0, int(np.argmin(values)))
+        panels.append(_lines(tried, values[None], "Bayesian information criterion", "components K", lowest))
     elif kind != "em":
-        panels.append(_line(steps, components, "components K", over, best))
+        panels.append(_lines(steps, components, "components K", over, kept))
     return panels
 
 
-def _line(x: NDArray[np.int64], y: NDArray[np.float64] | NDArray[np.int64], what: str, over: str, kept: int) -> str:
-    """A line with the value that was kept marked."""
+def _lines(
+    x: NDArray[np.int64],
+    y: NDArray[np.float64] | NDArray[np.int64],
+    what: str,
+    over: str,
+    kept: tuple[int, int],
+) -> str:
+    """A line a row of `y`, the row and the value that were kept marked; the other rows are paler."""
     from matplotlib.ticker import MaxNLocator
 
+    chain, best = kept
+    style = "steps-mid" if y.dtype.kind == "i" else "default"
     with drawing(panel_width(2), 2.2) as (figure, (axes,)):
-        axes.plot(x, y, color=colour("muted"), lw=1.3, drawstyle="steps-mid" if y.dtype.kind == "i" else "default")
-        axes.plot(x[kept], y[kept], "o", ms=6, color=colour("ink"))
-        axes.annotate("kept", (x[kept], y[kept]), xytext=(6, -3), textcoords="offset points", fontsize=9, va="top")
+        for row, values in enumerate(y):
+            opacity = 1.0 if row == chain else 0.35
+            axes.plot(x, values, color=colour("muted"), lw=1.3, drawstyle=style, alpha=opacity)
+        axes.plot(x[best], y[kept], "o", ms=6, color=colour("ink"))
+        axes.annotate("kept", (x[best], y[kept]), xytext=(6, -3), textcoords="offset points", fontsize=9, va="top")
         axes.set_xlabel(over)
         axes.set_title(what)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,4 +1,4 @@
-"""The report's sections, in order; its head; and how the mixture was found.
+"""The report's sections, in order, and its head.
 
 Results in, sections out. The other sections have modules of their own.
 """
@@ -6,17 +6,28 @@ Results in, sections out. The other sections have modules of their own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-from pipeline.report import Block, Code, Figure, Panel, Paragraph, Section
-from stages.evaluate.summary import by_condition, mean
+from pipeline.report import Block, Code, Paragraph, Section
+from stages.evaluate.summary import by_condition
 from stages.figures.accuracy_section import accuracy_section
-from stages.figures.numbers import UNDISTURBED, condition_name, controller_name, joined, number, percent
-from stages.figures.record_sections import certificates, deviations_section, parameters, provenance
+from stages.figures.certificates_section import certificates
+from stages.figures.kinds_section import kinds_section, kinds_sentence
+from stages.figures.numbers import (
+    UNDISTURBED,
+    condition_name,
+    controller_name,
+    joined,
+    kind_name,
+    number,
+    percent,
+)
+from stages.figures.record_sections import deviations_section, parameters, provenance
 from stages.figures.recordings_section import recordings_section
 from stages.figures.results import Results, label
 from stages.figures.rollout_sections import recovery_section, rollouts_section
-from stages.figures.sampler import sampler_panels
+from stages.figures.sampler_section import sampler_section
 from stages.figures.tables import facts, metrics
 
 
@@ -26,26 +37,30 @@ def lead(results: Results) -> list[Block]:
     changed = " Options of the command changed the experiment for this report." if experiment.overridden else ""
     return [
         Paragraph(text=(experiment.description or "An experiment without a description.") + changed),
-        Paragraph(text=result_sentence(results.rows)),
+        Paragraph(text=f"{kinds_sentence(results)} {result_sentence(results.own.rows)}".strip()),
         Code(text=f"clpv run {experiment.name}\nclpv verify {experiment.name}"),
     ]
 
 
 def sections(results: Results) -> list[Section]:
-    """All sections, in order."""
-    made = [
-        recordings_section(results),
-        rollouts_section(results),
-        accuracy_section(results),
-        metrics(results),
-        recovery_section(results),
-        facts(results),
-        certificates(results),
-        sampler_section(results),
-        deviations_section(results),
-        parameters(results),
-        provenance(results),
+    """All sections, in order; those that show one kind of dynamics of several say which in their title."""
+    own = results.own
+    shown = [
+        recordings_section(own),
+        rollouts_section(own),
+        accuracy_section(own),
+        metrics(own),
+        recovery_section(own),
+        facts(own),
+        certificates(own),
+        sampler_section(own),
+        deviations_section(own),
     ]
+    kinds = kinds_section(results)
+    if kinds is not None:
+        of_kind = f" \u00b7 {kind_name(results.kind)}"
+        shown = [section and replace(section, title=section.title + of_kind) for section in shown]
+    made = [kinds, *shown, parameters(results), provenance(results)]
     return [section for section in made if section is not None]
 
 
@@ -82,21 +97,3 @@ def _changes(groups: Sequence[dict[str, Any]], measure: str) -> dict[str, str]:
         low, high = percent(min(values), sign=True), percent(max(values), sign=True)
         spans[name] = low if low == high else f"{low} to {high}"
     return spans
-
-
-def sampler_section(results: Results) -> Section:
-    """How the mixture of the shown point was found."""
-    shown = results.shown
-    columns, criterion = shown.sampler
-    kind = shown.point.parameters["mixture"].kind
-    drawn = sampler_panels(columns["log_posterior"], columns["components"], criterion, kind)
-    words = ("what is maximised, step by step", "the number of components")
-    panels = tuple(Panel(svg=svg, alt=f"Line: {what}.") for svg, what in zip(drawn, words, strict=False))
-    caption = f"{shown.name}: {shown.model.mixture.components} components."
-    if results.is_sweep:
-        counts = [point.model.mixture.components for point in results.points]
-        caption += f" Over all {results.points_word}: {min(counts)} to {max(counts)}, mean {number(mean(counts))}."
-    if kind == "pcgmm":
-        caption += " The state of highest posterior is kept, then polished on all points."
-    figure = Figure(panels=panels, caption=caption, columns=2)
-    return Section(id="sampler", title="How the mixture was found", blocks=(figure,))

@@ -13,18 +13,19 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from drawings import SVG, drawn, strokes, texts
 from support import Invoke, make_project
 
 from pipeline.errors import StaleError, StoreError
 from pipeline.project import Project
 from stages import STAGES
-from stages.dynamics.parameters import QlfParameters
+from stages.dynamics.parameters import PqlfParameters, QlfParameters, WarpedParameters
 from stages.evaluate.parameters import EvaluateParameters
 from stages.figures import numbers
 from stages.figures.accuracy import Bar, bar_panel, bootstrap_interval, changes, highest
 from stages.figures.deviations import Deviation, Resolved, deviations
 from stages.figures.experiment import write_report
-from stages.figures.flow import Path, Scene, axes_shown, flow_panel, frame, legend
+from stages.figures.flow import LEVELS, Path, Scene, flow_panel, frame, legend, planes
 from stages.figures.overview import MOST_SAMPLES, Motion, motion_panel
 from stages.figures.recovery import Case, closed_spans, recovery_panel
 from stages.figures.results import largest_by_direction
@@ -32,26 +33,9 @@ from stages.figures.sampler import sampler_panels
 from stages.figures.sections import result_sentence
 from stages.figures.style import colour, controller_colours
 from stages.ingest.parameters import LasaParameters
-from stages.mixture.parameters import EmParameters, PcGmmParameters
+from stages.mixture.parameters import AutoParameters, EmParameters, PcGmmParameters
 from stages.rollout.parameters import ClpvdsController, Condition, LpvdsController, RolloutParameters
 from stages.trajectory import Array
-
-SVG = "{http://www.w3.org/2000/svg}"
-
-
-def drawn(document: str, tag: str = "path") -> list[str]:
-    """Styles of the elements of a picture that are drawn where they stand (not the shapes of markers)."""
-    root = ElementTree.fromstring(document)
-    shapes = {id(shape) for defs in root.iter(f"{SVG}defs") for shape in defs.iter(f"{SVG}{tag}")}
-    return [e.get("style", "") for e in root.iter(f"{SVG}{tag}") if id(e) not in shapes]
-
-
-def strokes(document: str, name: str) -> int:
-    return sum(f"stroke: {colour(name)}" in style and "fill: none" in style for style in drawn(document))
-
-
-def texts(document: str) -> list[str]:
-    return ["".join(e.itertext()) for e in ElementTree.fromstring(document).iter(f"{SVG}text")]
 
 
 def line(count: int = 50, d: int = 2, offset: float = 0.0) -> Array:
@@ -82,7 +66,7 @@ def pushed(d: int = 2) -> tuple[Path, Path]:
 
 def panel(paths: Sequence[Path], d: int = 2) -> str:
     shown = scene(d)
-    return flow_panel(shown, paths, "Title", "series-2", frame(shown, [paths]), 2)
+    return flow_panel(shown, paths, "Title", "series-2", frame(shown, [paths], (0, 1)), (0, 1), 2)
 
 
 # --- Fig. 2 ---------------------------------------------------------------------------------------------------------
@@ -117,11 +101,28 @@ def test_legend_names_what_is_drawn() -> None:
     assert set(fewer) < set(labels)
 
 
-def test_three_coordinates_are_shown_in_the_plane_of_farthest_reach_without_flow() -> None:
-    paths = [line(d=3), line(d=3)]
+def test_level_lines_of_v_are_drawn_where_v_is_given() -> None:
+    shown, (plain, _) = scene(), pushed()
+    with_v = replace(shown, lyapunov=lambda x: (x**2).sum(axis=1))
+    extent = frame(shown, [[plain]], (0, 1))
+    document = flow_panel(with_v, [plain], "Title", "series-2", extent, (0, 1), 2)
+    assert strokes(document, "series-5") == LEVELS - 1
+    assert strokes(panel([plain]), "series-5") == 0
+    labels = [key.label for key in legend(with_v, [])]
+    assert [label for label in labels if label not in {key.label for key in legend(shown, [])}] == ["level lines of V"]
+
+
+def test_three_coordinates_are_shown_in_the_planes_of_farthest_reach_without_flow() -> None:
+    paths = [line(d=3, offset=0.01), line(d=3)]
     paths[1][:, 2] = np.linspace(0.3, 0.0, 50)
-    assert axes_shown(paths) == (0, 2)
-    document = panel([pushed(3)[1]], d=3)
+    assert planes(paths) == [(0, 2), (1, 2)]
+    assert planes([path[:, :2] for path in paths]) == [(0, 1)]
+    shown = replace(scene(3), lyapunov=lambda x: (x**2).sum(axis=1))
+    path = pushed(3)[1]
+    document = flow_panel(shown, [path], "Title", "series-2", frame(shown, [[path]], (0, 2)), (0, 2), 2)
+    assert {"x [mm]", "z [mm]"} <= set(texts(document))
+    assert strokes(document, "series-5") == 0
+    document = panel([path], d=3)
     assert strokes(document, "series-2") == 3
     assert strokes(document, "faint") < 10  # spines only
 
@@ -129,13 +130,13 @@ def test_three_coordinates_are_shown_in_the_plane_of_farthest_reach_without_flow
 def test_frame_holds_paths_but_not_one_that_ran_away() -> None:
     plain, _ = pushed()
     shown = scene()
-    (x0, x1), (y0, y1) = frame(shown, [[plain]])
+    (x0, x1), (y0, y1) = frame(shown, [[plain]], (0, 1))
     assert x0 < -0.05
     assert x1 > 0.0
     assert y0 < -0.02
     assert y1 > 0.012
     far = Path(x=None, executed=1e6 * line(), displaced=-1)
-    (x0, _), _ = frame(shown, [[far]])
+    (x0, _), _ = frame(shown, [[far]], (0, 1))
     assert -0.12 < x0 < -0.1
 
 
@@ -239,7 +240,7 @@ def test_recovery_panel_shows_distance_gate_and_v() -> None:
 
 
 def test_sampler_panels_mark_what_was_kept() -> None:
-    posterior, components = np.array([-3.0, -1.0, -2.0]), np.array([4, 6, 5])
+    posterior, components = np.array([[-3.0, -1.0, -2.0]]), np.array([[4, 6, 5]])
     first, second = sampler_panels(posterior, components, {}, "pcgmm")
     assert {"log posterior", "sweep", "kept"} <= set(texts(first))
     assert {"components K", "sweep", "kept"} <= set(texts(second))
@@ -248,6 +249,15 @@ def test_sampler_panels_mark_what_was_kept() -> None:
     _, criterion = sampler_panels(posterior, components, {2: 5.0, 3: 4.0}, "em")
     assert {"Bayesian information criterion", "components K"} <= set(texts(criterion))
     assert sampler_panels(posterior, components, {3: 4.0, 2: 5.0}, "em")[1] == criterion
+
+
+def test_sampler_panels_show_every_chain_and_the_one_that_was_kept() -> None:
+    posterior, components = np.array([[-3.0, -2.0], [-9.0, -1.0], [-5.0, -4.0]]), np.array([[4, 6], [1, 5], [3, 3]])
+    for panel in sampler_panels(posterior, components, {}, "pcgmm"):
+        assert strokes(panel, "muted") == 3
+        assert sum("stroke-opacity: 0.35" in style for style in drawn(panel)) == 2
+    alone = sampler_panels(posterior[1:2], components[1:2], {}, "pcgmm")
+    assert all("stroke-opacity: 0.35" not in style for panel in alone for style in drawn(panel))
 
 
 def test_same_arrays_same_bytes_whatever_the_users_own_style() -> None:
@@ -307,9 +317,9 @@ def test_other_texts_of_numbers() -> None:
 
 def row(controller: str, condition: str, dtw: float, *, arrived: bool = True, mode: str = "robust") -> dict[str, Any]:
     names = ("dtw_per_step_mm", "sea_mm2", "steps", "duration_s", "final_error_mm", "recovery_s", "displaced_step")
-    found = dict.fromkeys(names, 1.0)
+    found = dict.fromkeys((*names, "velocity_rmse_mm_s"), 1.0)
     found |= {"dtw_mm": dtw, "sea_per_step_mm2": 2 * dtw, "lyapunov_rise_max": 0.0, "gate_closed_steps": 0}
-    case = {"controller": controller, "mode": mode, "avoidance": "none", "condition": condition}
+    case = {"dynamics": "qlf", "controller": controller, "mode": mode, "avoidance": "none", "condition": condition}
     return {**case, "outcome": "arrived" if arrived else "timeout", **found}
 
 
@@ -380,10 +390,30 @@ def test_deviations_of_the_fit_follow_its_parameters() -> None:
     assert "40 sweeps over at most 300 points" in text(rows_for(), "(5), ref. [32]")
     assert "criterion" in text(rows_for(mixture=EmParameters()), "(5), ref. [32]")
     assert "K = 7" in text(rows_for(mixture=EmParameters(components=7)), "(5), ref. [32]")
+    assert "in each of 4 chains" in text(rows_for(mixture=PcGmmParameters(chains=4)), "(5), ref. [32]")
+    assert "K = 6, 9" in text(rows_for(mixture=AutoParameters(components=(6, 9))), "(5), ref. [32]")
     assert "0.5 1/s" in text(rows_for(dynamics=QlfParameters(margin=0.5)), "(8)")
-    other = SimpleNamespace(kind="pqlf", loss="norm")
-    assert "(7)" not in where(rows_for(dynamics=other))
-    assert "dynamics.kind = pqlf" in text(rows_for(dynamics=other), "(8)")
+    assert "(7)" not in where(rows_for(dynamics=QlfParameters(loss="norm")))
+    assert "(7)" in where(rows_for())
+
+
+def test_deviations_of_a_learned_v_follow_its_parameters() -> None:
+    added = ["(5), (6), gates", "(7), added", "(6), speed"]
+    learned = rows_for(dynamics=PqlfParameters(condition=20.0, margin=0.5))
+    assert where(learned)[2:7] == ["(7)", "(8)", *added]
+    assert "condition at most 20" in text(learned, "(8)")
+    assert "0.5 1/s" in text(learned, "(8)")
+    assert "dynamics.kind = pqlf" in text(learned, "(8)")
+    assert "with 0 or 0.6 or 2 of the samples' weight" in text(learned, "(7), added")
+    warped = rows_for(dynamics=WarpedParameters(speed_limit=1.5))
+    assert where(warped)[2:7] == ["(7)", "(6), (8)", *added]
+    assert "dynamics.kind = warped" in text(warped, "(6), (8)")
+    assert "1.5 times" in text(warped, "(6), speed")
+    assert "psi^{-1}" in text(warped, "(6), (11)")
+    assert "psi" not in text(learned, "(6), (11)")
+    bare = rows_for(dynamics=PqlfParameters(speed_limit=None, ridge=0.0, guidance=(0.0,)))
+    assert [place for place in added if place in where(bare)] == added[:1]
+    assert not set(added) & set(where(rows_for()))
 
 
 def test_deviations_of_roll_outs_and_data() -> None:
