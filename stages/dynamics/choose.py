@@ -20,15 +20,18 @@ from stages.dynamics.kernels import ModelArrays
 from stages.dynamics.learn import (
     Data,
     Learning,
+    Placed,
     Recipe,
     data_of,
     find,
+    place,
     pooled,
     refine,
     regularised,
     system,
 )
 from stages.dynamics.samples import Frame, guides, thinned
+from stages.dynamics.warp import Warp
 from stages.trajectory import Array, Trajectory
 
 SAMPLES = 200
@@ -89,6 +92,10 @@ class Choice:
     tried: tuple[Tried, ...]
 
 
+_Placed = list[tuple[Placed, Placed]]
+"""Samples and guides of each demonstration."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Learned:
     recipe: Recipe
@@ -115,12 +122,16 @@ def choose(
     learned: list[tuple[float, int, _Learned]] = []
     failure: SolverError | None = None
     starts: dict[tuple[str, float], Array] = {}
+    placed: dict[int, _Placed | None] = {}
     for number, recipe in enumerate(recipes):
         # Guides hardly move P: the search goes on from that of the same mixture and warp.
         family = (recipe.mixture, recipe.share)
         entry, found = _entry(recipe), None
+        warp = id(recipe.warp)
+        if warp not in placed:
+            placed[warp] = _place(demonstrations, goal, frame, recipe.warp, learning)
         try:
-            found = _learn(demonstrations, goal, frame, recipe, learning, starts.get(family))
+            found = _learn(demonstrations, goal, frame, recipe, learning, placed[warp], starts.get(family))
         except SolverError as error:
             failure = error
         if found is not None:
@@ -151,25 +162,36 @@ def _entry(recipe: Recipe) -> Tried:
     )
 
 
+def _place(
+    demonstrations: Sequence[Trajectory], goal: Array, frame: Frame, warp: Warp, learning: Learning
+) -> _Placed | None:
+    """Samples and guides of each demonstration as a warp sees them; none: it compresses a sample too much."""
+    width, decay = learning.width * frame.size, learning.decay * frame.size
+    placed = []
+    for demonstration in demonstrations:
+        own = place(warp, goal, thinned(demonstration, SAMPLES))
+        # The largest singular value of J^-1 is one over the smallest of J.
+        if own.inverse_jacobian is not None and (
+            np.linalg.norm(own.inverse_jacobian, ord=2, axis=(1, 2)).max() > 1.0 / COMPRESSION
+        ):
+            return None
+        placed.append((own, place(warp, goal, guides(demonstration, frame, width, decay), guides=True)))
+    return placed
+
+
 def _learn(
     demonstrations: Sequence[Trajectory],
     goal: Array,
     frame: Frame,
     recipe: Recipe,
     learning: Learning,
+    placed: _Placed | None,
     start: Array | None,
 ) -> _Learned | None:
     """Learn one recipe and score it; none: its warp compresses too much."""
-    samples = [thinned(demonstration, SAMPLES) for demonstration in demonstrations]
-    if recipe.warp.count:
-        jacobian = recipe.warp.apply(np.concatenate([s.position for s in samples]) - goal)[1]
-        if np.linalg.svd(jacobian, compute_uv=False)[:, -1].min() < COMPRESSION:
-            return None
-    width, decay = learning.width * frame.size, learning.decay * frame.size
-    parts = [
-        data_of(recipe, goal, own, guides(demonstration, frame, width, decay))
-        for own, demonstration in zip(samples, demonstrations, strict=True)
-    ]
+    if placed is None:
+        return None
+    parts = [data_of(recipe, own, beside) for own, beside in placed]
     everything = pooled(parts)
     found = find(regularised(recipe, everything, learning), learning, frame, start)
     model = system(recipe, goal, found.solution.matrices, found.lyapunov_matrix, learning).arrays

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.errors import DataError, ParameterError
 from stages.dynamics.certificate import Certificate, restore
 from stages.dynamics.choose import Tried, choose
-from stages.dynamics.learn import Learning, Recipe, data_of, pooled, refine, regularised, system
+from stages.dynamics.learn import Learning, Recipe, data_of, place, pooled, refine, regularised, system
 from stages.dynamics.lpvds import LpvDs, velocity_error
 from stages.dynamics.parameters import PqlfParameters, WarpedParameters
 from stages.dynamics.program.solve import Solution
@@ -68,7 +68,15 @@ def fit_best(
     choice = choose(demonstrations, goal, frame, recipes, learning)
     recipe, P = choice.recipe, choice.lyapunov_matrix
     width, decay = learning.width * frame.size, learning.decay * frame.size
-    data = pooled([data_of(recipe, goal, thinned(d, None), guides(d, frame, width, decay)) for d in demonstrations])
+    parts = [
+        data_of(
+            recipe,
+            place(recipe.warp, goal, thinned(d, None)),
+            place(recipe.warp, goal, guides(d, frame, width, decay), guides=True),
+        )
+        for d in demonstrations
+    ]
+    data = pooled(parts)
     solution = refine(regularised(recipe, data, learning), learning, P)
     matrices, certificate = restore(solution.matrices, P, CERTIFIED * learning.margin)
     return measured(

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.compiled import compiled
-from stages.dynamics.kernels import ModelArrays, Workspace, blend, image_of, workspace
-from stages.dynamics.lpvds import LpvDs, arrays
+from stages.dynamics.lpvds import LpvDs
 from stages.dynamics.program.regression import LeastSquares, combined, gather, with_ridge
 from stages.dynamics.program.solve import Solution, solve
 from stages.dynamics.samples import Frame, Samples
 from stages.dynamics.search import Found, search
 from stages.dynamics.warp import Warp
-from stages.mixture.gaussian import GaussianMixture
+from stages.mixture.gaussian import GaussianMixture, responsibilities_at, whitening
 from stages.trajectory import Array
 
 # A guide where a direction is compressed to less than this would ask for a velocity that only the warp makes.
@@ -91,13 +90,42 @@ def smoothed(mixture: GaussianMixture, widening: float, blur: float) -> Gaussian
     return replace(mixture, covariances=covariances)
 
 
-def data_of(recipe: Recipe, goal: Array, samples: Samples, guides: Samples) -> Data:
-    """Gather the least squares of a recipe. Paper eq. (7). `goal`: x_g, shape (d,), metres."""
-    model = _untrained(recipe, goal)
-    own = _gathered(model, samples, 0.0)
-    beside = _gathered(model, guides, _COMPRESSED) if recipe.guidance > 0.0 and len(guides.position) else None
-    assert own is not None
-    return Data(samples=len(samples.position), own=own, guides=beside)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """Samples as a warp sees them; the same for every mixture.
+
+    Attributes:
+        samples: states and velocities.
+        image: array, shape (n, d), psi, metres.
+        inverse_jacobian: array, shape (n, d, d); none: the warp is the identity.
+    """
+
+    samples: Samples
+    image: Array
+    inverse_jacobian: Array | None
+
+
+def place(warp: Warp, goal: Array, samples: Samples, *, guides: bool = False) -> Placed:
+    """Place samples about the goal, shape (d,), metres; guides without those where a direction is compressed."""
+    z = samples.position - goal
+    if not warp.count or not len(z):
+        return Placed(samples=samples, image=z, inverse_jacobian=None)
+    image, jacobian = warp.apply(z)
+    if guides:
+        kept = np.linalg.svd(jacobian, compute_uv=False)[:, -1] >= _COMPRESSED
+        samples = Samples(position=samples.position[kept], velocity=samples.velocity[kept])
+        image, jacobian = image[kept], jacobian[kept]
+    return Placed(samples=samples, image=image, inverse_jacobian=np.asarray(np.linalg.inv(jacobian)))
+
+
+def data_of(recipe: Recipe, own: Placed, guides: Placed) -> Data:
+    """Gather the least squares of a recipe from one demonstration, placed by its warp. Paper eq. (7)."""
+    beside = recipe.guidance > 0.0 and len(guides.image) > 0
+    return Data(
+        samples=len(own.image),
+        own=_gathered(recipe.gaussians, own),
+        guides=_gathered(recipe.gaussians, guides) if beside else None,
+    )
 
 
 def pooled(parts: Sequence[Data]) -> Data:
@@ -140,38 +168,25 @@ def system(recipe: Recipe, goal: Array, matrices: Array, lyapunov_matrix: Array,
     )
 
 
-def _untrained(recipe: Recipe, goal: Array) -> ModelArrays:
-    K, d = recipe.gaussians.components, recipe.gaussians.dimension
-    return arrays(recipe.gaussians, np.zeros((K, d, d)), goal, np.eye(d), recipe.warp)
-
-
-def _gathered(model: ModelArrays, samples: Samples, least: float) -> LeastSquares | None:
-    """The least squares of samples where psi compresses no direction to less than `least`; none: nowhere."""
-    n, d = samples.position.shape
-    K = model.means.shape[0]
-    phi, jacobian = np.empty((n, K * d)), np.empty((n, d, d))
-    write_features(samples.position, model, workspace(model), phi, jacobian)
-    if not model.rates.shape[0]:
-        return gather(phi, samples.velocity)
-    velocity = samples.velocity
-    if least > 0.0:
-        kept = np.linalg.svd(jacobian, compute_uv=False)[:, -1] >= least
-        if not kept.any():
-            return None
-        phi, velocity, jacobian = phi[kept], velocity[kept], jacobian[kept]
-    return gather(phi, velocity, inverse_jacobian=np.asarray(np.linalg.inv(jacobian)))
+def _gathered(mixture: GaussianMixture, placed: Placed) -> LeastSquares:
+    n, d = placed.image.shape
+    K = mixture.components
+    phi = np.empty((n, K * d))
+    write_features(placed.samples.position, placed.image, *whitening(mixture), np.empty(K), phi)
+    return gather(phi, placed.samples.velocity, inverse_jacobian=placed.inverse_jacobian)
 
 
 @compiled
-def write_features(x: Array, model: ModelArrays, work: Workspace, phi: Array, jacobian: Array) -> None:
-    """Write gamma_k psi, shape (n, K d), metres, and J, shape (n, d, d), at states x, shape (n, d), metres. Eq. (6)."""
+def write_features(
+    x: Array, image: Array, offsets: Array, means: Array, whiteners: Array, gamma: Array, phi: Array
+) -> None:
+    """Write gamma_k psi, shape (n, K d), metres, into `phi`. Paper eq. (6).
+
+    `x`: states, shape (n, d), metres. `image`: psi there, shape (n, d), metres. `offsets`, `means`, `whiteners`: as of `stages.mixture.gaussian.Whitening`. `gamma`, shape (K,): scratch.
+    """
     n, d = x.shape
     for t in range(n):
-        blend(x[t], model, work)
-        image_of(x[t], model, work)
-        for k in range(work.gamma.shape[0]):
+        responsibilities_at(x[t], offsets, means, whiteners, gamma)
+        for k in range(gamma.shape[0]):
             for i in range(d):
-                phi[t, k * d + i] = work.gamma[k] * work.psi[i]
-        for i in range(d):
-            for j in range(d):
-                jacobian[t, i, j] = work.jacobian[i, j]
+                phi[t, k * d + i] = gamma[k] * image[t, i]

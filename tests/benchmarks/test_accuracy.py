@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from lasa import KINDS, Motion, motions
+from threadpoolctl import threadpool_limits
 
 from stages.dynamics.certificate import proofs
 from stages.dynamics.fit import DynamicsFit
@@ -60,15 +61,16 @@ def study() -> dict[tuple[str, int], list[Measured]]:
     """By kind and seed, one entry a motion."""
     found: dict[tuple[str, int], list[Measured]] = {}
     every = motions()
-    for name, kind in KINDS.items():
-        kind.fit(every[0].train, every[0].goal)  # compile
-        for seed in SEEDS:
-            found[name, seed] = []
-            for motion in every:
-                started = time.perf_counter()
-                fit = kind.fit(motion.train, motion.goal, seed)
-                seconds = time.perf_counter() - started
-                found[name, seed].append(measure(motion, fit, seconds))
+    with threadpool_limits(1):  # as in the pipeline
+        for name, kind in KINDS.items():
+            kind.fit(every[0].train, every[0].goal)  # compile
+            for seed in SEEDS:
+                found[name, seed] = []
+                for motion in every:
+                    started = time.perf_counter()
+                    fit = kind.fit(motion.train, motion.goal, seed)
+                    seconds = time.perf_counter() - started
+                    found[name, seed].append(measure(motion, fit, seconds))
     return found
 
 

@@ -13,10 +13,11 @@ from motions import gaussians, goal, hook, trajectory
 
 from pipeline.errors import SolverError
 from stages.dynamics import choose as module
+from stages.dynamics import learn
 from stages.dynamics.choose import DISPLACEMENT, FOLDS, Choice, Tried, choose
 from stages.dynamics.follow import ARRIVED, LONGEST, STEPS, deviation, follow
 from stages.dynamics.kernels import workspace
-from stages.dynamics.learn import Data, Learning, Recipe, data_of, find, pooled, regularised, smoothed, system
+from stages.dynamics.learn import Data, Learning, Recipe, find, place, pooled, regularised, smoothed, system
 from stages.dynamics.lpvds import LpvDs
 from stages.dynamics.samples import Frame, Samples, frame_of, guides, thinned
 from stages.dynamics.straighten import mean_demonstration, straighten
@@ -46,6 +47,10 @@ def recipes(demonstrations: Sequence[Trajectory], frame: Frame, d: int = 2) -> l
         for share, warp in warps.items()
         for guidance in (0.0, 0.6)
     ]
+
+
+def data_of(recipe: Recipe, at: np.ndarray, own: Samples, beside: Samples) -> Data:
+    return learn.data_of(recipe, place(recipe.warp, at, own), place(recipe.warp, at, beside, guides=True))
 
 
 def one_linear(A: np.ndarray, at: np.ndarray) -> LpvDs:
