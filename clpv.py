@@ -76,6 +76,7 @@ def fit(
     import numpy as np
 
     from pipeline.compiled import use_cache_for
+    from pipeline.errors import DataError, ParameterError, choices
     from pipeline.project import Project
     from pipeline.stage import StageContext
     from pipeline.validation import validate
@@ -87,14 +88,26 @@ def fit(
     from stages.trajectory import ArmRecording, Demonstration
 
     stages = {stage.name: stage for stage in Project.open(Path(), STAGES).stages.values()}
+    used = ("midpoint", "mixture", "dynamics")
+    for name in tables:
+        if name not in used:
+            raise ParameterError(name, f"there is no such table; {choices(name, used)}")
     chosen = {
         name: validate(stages[name], {**stages[name].presets.get("robust", {}), **tables.get(name, {})})
-        for name in ("midpoint", "mixture", "dynamics")
+        for name in used
     }
-    periods = [float(dt)] * len(demonstrations) if isinstance(dt, int | float) else [float(value) for value in dt]
+    given = np.asarray(dt, dtype=np.float64)
+    periods = (np.full(len(demonstrations), given) if given.ndim == 0 else given).tolist()
+    if len(periods) != len(demonstrations):
+        raise ParameterError("dt", f"{len(periods)} periods were given for {len(demonstrations)} demonstrations.")
     recorded = []
     for number, (positions, period) in enumerate(zip(demonstrations, periods, strict=True), start=1):
-        array = np.asarray(positions, dtype=np.float64)
+        try:
+            array = np.asarray(positions, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DataError(f"arrays, demonstration {number}", "must be numbers in the shape (n, d).") from None
+        if array.ndim != 2:
+            raise DataError(f"arrays, demonstration {number}", f"must have the shape (n, d), not {array.shape}.")
         recording = ArmRecording(time=np.arange(array.shape[0], dtype=np.float64) * period, position=array)
         recorded.append(Demonstration(dataset="arrays", demo=str(number), split="train", arms={"point": recording}))
     found = to_trajectories(recorded, chosen["midpoint"])

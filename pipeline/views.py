@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -316,8 +317,12 @@ def collect_garbage(project: Project, console: Console, names: Sequence[str], *,
     size = sum(path.stat().st_size for path in (*actions, *objects, *failures))
     if not dry_run:
         _remove((*actions, *objects, *failures))
+        for folder in {path.parent for path in failures}:
+            with contextlib.suppress(OSError):  # something new was kept there
+                folder.rmdir()
     word = "would be removed" if dry_run else "removed"
-    console.result(f"{len(actions)} results and {len(objects)} objects, {size / 1e6:.1f} MB, {word}.")
+    failed = f" and {len(failures)} failed programs" if failures else ""
+    console.result(f"{len(actions)} results and {len(objects)} objects{failed}, {size / 1e6:.1f} MB, {word}.")
     console.document({"actions": len(actions), "objects": len(objects), "bytes": size, "removed": not dry_run})
 
 

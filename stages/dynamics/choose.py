@@ -169,12 +169,12 @@ def _place(
     width, decay = learning.width * frame.size, learning.decay * frame.size
     placed = []
     for demonstration in demonstrations:
-        own = place(warp, goal, thinned(demonstration, SAMPLES))
-        # The largest singular value of J^-1 is one over the smallest of J.
-        if own.inverse_jacobian is not None and (
-            np.linalg.norm(own.inverse_jacobian, ord=2, axis=(1, 2)).max() > 1.0 / COMPRESSION
-        ):
-            return None
+        samples = thinned(demonstration, SAMPLES)
+        if warp.count:
+            jacobian = warp.apply(samples.position - goal)[1]
+            if np.linalg.svd(jacobian, compute_uv=False)[:, -1].min() < COMPRESSION:
+                return None
+        own = place(warp, goal, samples)
         placed.append((own, place(warp, goal, guides(demonstration, frame, width, decay), guides=True)))
     return placed
 

@@ -58,10 +58,11 @@ def fit_best(
     frame: Frame,
     recipes: Sequence[Recipe],
     learning: Learning,
+    whole: Sequence[Trajectory],
 ) -> DynamicsFit:
     """Choose between recipes on thinned demonstrations, learn the one that is taken on every sample, and prove it.
 
-    `goal`: x_g, shape (d,), metres.
+    `goal`: x_g, shape (d,), metres. `whole`: the demonstrations with their rests, on which errors are measured.
 
     Raises SolverError: no recipe could be learned, or the answer could not be proved stable.
     """
@@ -80,21 +81,29 @@ def fit_best(
     solution = refine(regularised(recipe, data, learning), learning, P)
     matrices, certificate = restore(solution.matrices, P, CERTIFIED * learning.margin)
     return measured(
-        system(recipe, goal, matrices, P, learning), solution, certificate, demonstrations, recipe.mixture, choice.tried
+        system(recipe, goal, matrices, P, learning), solution, certificate, whole, recipe.mixture, choice.tried
     )
 
 
-def learning_of(parameters: PqlfParameters | WarpedParameters, demonstrations: Sequence[Trajectory]) -> Learning:
-    """How candidates are learned, from the parameters of the stage; raises ParameterError where one is out of range."""
+def learning_of(
+    parameters: PqlfParameters | WarpedParameters, demonstrations: Sequence[Trajectory], goal: Array
+) -> Learning:
+    """How candidates are learned, from the parameters of the stage; raises ParameterError where one is out of range.
+
+    The margin is in proportion to the motion's own rate, so that a slower clock makes a slower system and no other.
+    """
     check_positive(parameters, "margin", "condition", "widening", "guide_width", "guide_decay", "tolerance")
     top = max(float(np.sqrt((d.velocity**2).sum(axis=1)).max()) for d in demonstrations)
+    moved = np.concatenate([d.position - goal for d in demonstrations])
+    driven = np.concatenate([d.velocity for d in demonstrations])
+    rate = math.sqrt(float((driven**2).sum() / (moved**2).sum()))
     return Learning(
-        margin=parameters.margin,
+        margin=parameters.margin * rate,
         condition=parameters.condition,
         ridge=parameters.ridge,
         width=parameters.guide_width,
         decay=parameters.guide_decay,
-        speed_limit=math.inf if parameters.speed_limit is None else parameters.speed_limit * top,
+        speed_limit=parameters.speed_limit * top if parameters.speed_limit > 0.0 else math.inf,
         tolerance=parameters.tolerance,
     )
 

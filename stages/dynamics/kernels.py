@@ -182,6 +182,13 @@ def step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array)
     else:
         if model.speed_limit == math.inf:
             place(x, model, work)
+        at_goal = True
+        for i in range(d):
+            at_goal &= work.psi[i] == 0.0
+        if at_goal:
+            for i in range(d):
+                out[i] = x[i]
+            return
         work.z[:] = 0.0
         cayley_step(work.psi, work.z, work.A, h, out)
         unwarp_at(out, model.centres, model.translations, model.rates, model.origin, work.z)

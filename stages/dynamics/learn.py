@@ -182,7 +182,8 @@ def write_features(
 ) -> None:
     """Write gamma_k psi, shape (n, K d), metres, into `phi`. Paper eq. (6).
 
-    `x`: states, shape (n, d), metres. `image`: psi there, shape (n, d), metres. `offsets`, `means`, `whiteners`: as of `stages.mixture.gaussian.Whitening`. `gamma`, shape (K,): scratch.
+    `x`: states, shape (n, d), metres. `image`: psi there, shape (n, d), metres. `offsets`, `means`, `whiteners`: as of
+    `stages.mixture.gaussian.Whitening`. `gamma`, shape (K,): scratch.
     """
     n, d = x.shape
     for t in range(n):

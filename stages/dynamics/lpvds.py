@@ -111,6 +111,8 @@ class LpvDs:
 
         `x`: shape (n, d), metres. `dt`: seconds. `gate`: in [0, 1], scales the speed: the gate of eq. (11).
         """
+        if not (0.0 <= gate <= 1.0 and dt >= 0.0):
+            raise DataError(_SOURCE, f"a step needs dt >= 0 and a gate from 0 to 1, not {dt} s and {gate}.")
         x = self._states(x)
         out = np.empty_like(x)
         steps(x, self.arrays, dt * gate, workspace(self.arrays), out)

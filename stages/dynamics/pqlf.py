@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from stages.dynamics.fit import DynamicsFit, check, fit_best, learning_of
 from stages.dynamics.learn import Recipe, smoothed
 from stages.dynamics.parameters import PqlfParameters
-from stages.dynamics.samples import frame_of
+from stages.dynamics.samples import frame_of, in_motion
 from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
@@ -32,14 +32,16 @@ def fit(
     learned, or the answer could not be proved stable.
     """
     goal = check(demonstrations, mixtures, goal)
-    learning = learning_of(parameters, demonstrations)
-    frame = frame_of(demonstrations, goal)
+    moving = [in_motion(demonstration) for demonstration in demonstrations]
+    learning = learning_of(parameters, moving, goal)
+    frame = frame_of(moving, goal)
     gated = {
         name: smoothed(mixture, parameters.widening, parameters.blur * frame.size) for name, mixture in mixtures.items()
     }
+    identity = Warp.identity(len(goal))
     recipes = [
-        Recipe(mixture=name, gaussians=gaussians, warp=Warp.identity(len(goal)), share=0.0, guidance=guidance)
+        Recipe(mixture=name, gaussians=gaussians, warp=identity, share=0.0, guidance=guidance)
         for name, gaussians in gated.items()
         for guidance in parameters.guidance
     ]
-    return fit_best(demonstrations, goal, frame, recipes, learning)
+    return fit_best(moving, goal, frame, recipes, learning, demonstrations)

@@ -9,14 +9,18 @@ reported. Not here: what is fitted (`learn.py`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.trajectory import Array, Trajectory, frozen
 
 GUIDE_SAMPLES = 100
 """Most samples of a demonstration that have guides."""
+
+REST = 0.01
+"""Below this share of its top speed a demonstration is at rest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,6 +65,28 @@ def frame_about(position: Array) -> Frame:
     axes = np.linalg.eigh(position.T @ position)[1].T[::-1]
     along = position @ axes.T
     return Frame(size=float(np.linalg.norm(along.max(axis=0) - along.min(axis=0))), axes=frozen(axes))
+
+
+def resting(demonstration: Trajectory) -> NDArray[np.bool_]:
+    """Return where a demonstration is at rest, shape (n,): slower than `REST` of its top speed."""
+    speed = np.sqrt((demonstration.velocity**2).sum(axis=1))
+    return np.asarray(speed < REST * speed.max(), dtype=np.bool_)
+
+
+def in_motion(demonstration: Trajectory) -> Trajectory:
+    """Return a demonstration without its rests, on a clock that stands still meanwhile.
+
+    A motion that depends on the state alone cannot pause, and trying would slow it down there.
+    """
+    moving = ~resting(demonstration)
+    if moving.all():
+        return demonstration
+    return replace(
+        demonstration,
+        time=np.asarray(demonstration.step * np.arange(int(moving.sum()))),
+        position=demonstration.position[moving],
+        velocity=demonstration.velocity[moving],
+    )
 
 
 def thinned(demonstration: Trajectory, count: int | None) -> Samples:

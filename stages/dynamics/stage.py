@@ -21,12 +21,15 @@ def run(context: StageContext) -> None:
     """Learn and certify the system; a program that cannot be solved is kept for study."""
     from dataclasses import asdict
 
+    import numpy as np
+
     from pipeline.errors import SolverError
     from stages.artifacts.dynamics import write_dynamics
     from stages.artifacts.midpoints import read_midpoints, training_set
     from stages.artifacts.mixture import read_mixtures
     from stages.dynamics.lpvds import velocity_error
     from stages.dynamics.program.saved import save_problem
+    from stages.dynamics.samples import resting
 
     midpoints = read_midpoints(context.inputs["midpoints"])
     training_set(midpoints)
@@ -44,6 +47,17 @@ def run(context: StageContext) -> None:
     shifted = int((fit.certificate.shift > 0).sum())
     if shifted:
         context.warn(f"{shifted} component(s) had to be shifted by rounding errors to be certified.")
+    still = float(np.mean(np.concatenate([resting(t) for t in midpoints.of_split("train")])))
+    if still > 0.1:
+        context.warn(
+            f"Demonstrations are at rest for {100 * still:.0f} % of the time: a motion that depends on the state alone "
+            "cannot pause; trim or divide the recordings (ingest) if that is not meant."
+        )
+    if fit.relative_rmse > 0.8:
+        context.warn(
+            f"The system's velocities are far from the demonstrations' (relative error {fit.relative_rmse:.2f}): a "
+            "smaller dynamics.margin, or another dynamics.kind, may be what this motion needs."
+        )
     if any(entry.chosen and not entry.arrives for entry in fit.tried):
         context.warn(
             "No candidate's training roll-outs all came to the goal in time: the system that was taken is stable, but "

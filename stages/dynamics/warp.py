@@ -59,6 +59,10 @@ class Warp:
             )
         if not all(np.isfinite(values).all() for values in (self.centres, self.translations, self.rates)):
             raise DataError(_SOURCE, "a warp must be finite.")
+        with np.errstate(over="ignore", under="ignore"):
+            sharpness = self.rates**2
+        if not np.isfinite(sharpness).all():
+            raise DataError(_SOURCE, "a warp's rates must be numbers whose squares are finite, too.")
         if not self.bound < 1.0:
             raise DataError(_SOURCE, f"a warp must be one-to-one: its steepest slope is {self.bound:.6g}, not below 1.")
 
@@ -77,8 +81,12 @@ class Warp:
         """max |v_m| rho_m sqrt(2/e), rounded up: below 1, every T_m is one-to-one, and psi a diffeomorphism."""
         if not self.count:
             return 0.0
-        # Squares, sum, root and products round d + 6 times at most; the factor is many times that.
-        slopes = np.sqrt((self.translations**2).sum(axis=1)) * np.abs(self.rates) * STEEPEST
+        # Relative to the largest entry, squares neither overflow nor vanish. Quotients, squares, sum, root and products
+        # round d + 8 times at most; the factor is many times that.
+        largest = np.abs(self.translations).max(axis=1)
+        relative = self.translations / np.where(largest > 0.0, largest, 1.0)[:, None]
+        with np.errstate(over="ignore"):
+            slopes = np.sqrt((relative**2).sum(axis=1)) * largest * np.abs(self.rates) * STEEPEST
         return float(slopes.max()) * (1.0 + 1e-13)
 
     def origin(self) -> Array:

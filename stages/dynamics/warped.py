@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from stages.dynamics.fit import DynamicsFit, check, fit_best, learning_of
 from stages.dynamics.learn import Recipe, smoothed
 from stages.dynamics.parameters import WarpedParameters
-from stages.dynamics.samples import frame_of
+from stages.dynamics.samples import frame_of, in_motion
 from stages.dynamics.straighten import mean_demonstration, straighten
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
@@ -33,9 +33,10 @@ def fit(
     learned, or the answer could not be proved stable.
     """
     goal = check(demonstrations, mixtures, goal)
-    learning = learning_of(parameters, demonstrations)
-    frame = frame_of(demonstrations, goal)
-    mean = mean_demonstration(demonstrations, goal)
+    moving = [in_motion(demonstration) for demonstration in demonstrations]
+    learning = learning_of(parameters, moving, goal)
+    frame = frame_of(moving, goal)
+    mean = mean_demonstration(moving, goal)
     warps = {share: straighten(mean, share, parameters.translations) for share in parameters.straightening}
     gated = {
         name: smoothed(mixture, parameters.widening, parameters.blur * frame.size) for name, mixture in mixtures.items()
@@ -46,4 +47,4 @@ def fit(
         for share, warp in warps.items()
         for guidance in parameters.guidance
     ]
-    return fit_best(demonstrations, goal, frame, recipes, learning)
+    return fit_best(moving, goal, frame, recipes, learning, demonstrations)

@@ -178,7 +178,7 @@ def _learning(dynamics: Any) -> list[Deviation]:
                 "added.",
             )
         )
-    if dynamics.speed_limit is not None:
+    if dynamics.speed_limit > 0.0:
         rows.append(
             Deviation(
                 where="(6), speed",

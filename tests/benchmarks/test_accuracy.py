@@ -30,7 +30,7 @@ SAMPLES = 1000
 SECONDS = {"qlf": 0.06, "pqlf": 0.3, "warped": 0.25}
 """Mean a motion, mixtures and selection included, after warm-up; required."""
 STARTS = 50
-"""Random starts a motion, within half of the motion's size around its training starts and anywhere in its extent."""
+"""Random starts a motion: anywhere in the extent of its training demonstrations, widened by a quarter on each side."""
 LONGEST = 20.0
 """Times the demonstrations' duration, in which a random start must arrive."""
 
@@ -39,7 +39,7 @@ LIMITS = {
     "pqlf": {"dtw": (3000, 2200), "sea": 250, "velocity": 9.8},
     "warped": {"dtw": (2100, 1750), "sea": 180, "velocity": 9.4},
 }
-"""Mean and median DTW, mm; mean SEA, mm^2; mean velocity RMSE, mm/s: over all motions with the first seed; required."""
+"""Mean and median DTW, mm; mean SEA, mm^2; mean velocity RMSE, mm/s: over motions, mean over the seeds; required."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,15 +122,17 @@ def test_every_kind_is_as_accurate_as_required(study: dict[tuple[str, int], list
         means = [statistics.mean(m.dtw for m in study[kind, seed]) for seed in SEEDS]
         print(f"{kind}: mean DTW over seeds {min(means):.0f} to {max(means):.0f} mm")
     for kind, limits in LIMITS.items():
-        every = study[kind, SEEDS[0]]
-        assert len(every) == 30
-        assert statistics.mean(m.dtw for m in every) <= limits["dtw"][0], kind
-        assert statistics.median(m.dtw for m in every) <= limits["dtw"][1], kind
-        assert statistics.mean(m.sea for m in every) <= limits["sea"], kind
-        assert statistics.mean(m.velocity for m in every) <= limits.get("velocity", np.inf), kind
-        # Another seed is another mixture: the figures move, and must not run away.
-        means = [statistics.mean(m.dtw for m in study[kind, seed]) for seed in SEEDS]
+        every = [study[kind, seed] for seed in SEEDS]
+        assert all(len(of_seed) == 30 for of_seed in every)
+        # Another seed is another mixture: figures move a little, so the mean over seeds is what is required.
+        assert statistics.mean(m.dtw for of_seed in every for m in of_seed) <= limits["dtw"][0], kind
+        assert statistics.mean(statistics.median(m.dtw for m in of_seed) for of_seed in every) <= limits["dtw"][1], kind
+        assert statistics.mean(m.sea for of_seed in every for m in of_seed) <= limits["sea"], kind
+        assert statistics.mean(m.velocity for of_seed in every for m in of_seed) <= limits.get("velocity", np.inf), kind
+        means = [statistics.mean(m.dtw for m in of_seed) for of_seed in every]
         assert max(means) <= 1.10 * min(means), kind
+        assert sum(m.arrived for of_seed in every for m in of_seed) >= 0.99 * 4 * 120, kind
+    assert all(m.arrived == 4 for seed in SEEDS for m in study["warped", seed])
 
 
 def test_every_kind_is_fitted_in_time(study: dict[tuple[str, int], list[Measured]]) -> None:

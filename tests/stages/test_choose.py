@@ -244,7 +244,8 @@ def test_the_figures_of_an_entry_are_those_of_its_system(chosen: Chosen) -> None
     )
     found = find(regularised(recipe, data, LEARNING), LEARNING, frame)
     model = system(recipe, goal(2), found.solution.matrices, found.lyapunov_matrix, LEARNING)
-    x, v = (np.concatenate([getattr(one, name) for one in demonstrations]) for name in ("position", "velocity"))
+    samples = [thinned(one, None) for one in demonstrations]
+    x, v = (np.concatenate([getattr(s, name) for s in samples]) for name in ("position", "velocity"))
     entry = choice.tried[number]
     assert entry.velocity_error == pytest.approx(
         math.sqrt(((model.velocity(x) - v) ** 2).sum() / (v**2).sum()), rel=1e-6

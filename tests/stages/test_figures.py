@@ -411,7 +411,7 @@ def test_deviations_of_a_learned_v_follow_its_parameters() -> None:
     assert "1.5 times" in text(warped, "(6), speed")
     assert "psi^{-1}" in text(warped, "(6), (11)")
     assert "psi" not in text(learned, "(6), (11)")
-    bare = rows_for(dynamics=PqlfParameters(speed_limit=None, ridge=0.0, guidance=(0.0,)))
+    bare = rows_for(dynamics=PqlfParameters(speed_limit=0.0, ridge=0.0, guidance=(0.0,)))
     assert [place for place in added if place in where(bare)] == added[:1]
     assert not set(added) & set(where(rows_for()))
 
@@ -439,6 +439,7 @@ description = "Three motions & <three> controllers"
 samples = 150
 [mixture]
 sweeps = 5
+components = []
 [rollout]
 controllers = [
     { kind = "lpvds" },

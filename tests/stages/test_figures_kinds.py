@@ -237,7 +237,7 @@ def test_the_head_compares_kinds(results: Results) -> None:
 def test_parameters_and_provenance_are_of_all_kinds(made: dict[str, Section]) -> None:
     values = dict(tables(made["parameters"])[0].rows)
     assert values["`dynamics.kind`"] == "qlf, pqlf, warped"
-    assert values["`dynamics.margin`"] == "QLF, P-QLF: 0.001; warped: 0.03"
+    assert values["`dynamics.margin`"] == "QLF, P-QLF: 0.001; warped: 0.02"
     stages = [name.strip("`").partition(".")[0] for name in values if "." in name]
     assert sum(a != b for a, b in pairwise(stages)) == len(set(stages)) - 1  # stage by stage
     assert values["`dynamics.loss`"] == "QLF: squared"

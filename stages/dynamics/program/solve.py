@@ -223,7 +223,7 @@ def _accept(answer: Answer, residuals: dict[str, float], tolerance: float) -> No
     if answer.status != SOLVED:
         raise SolverError(
             f"The program of the LPV-DS was not solved: the solver says {answer.status} after {answer.iterations} "
-            "iterations; fewer mixture components or smoother velocities may help.",
+            "iterations; a smaller dynamics.margin, fewer mixture components or smoother velocities may help.",
             answer.status,
             residuals,
         )
