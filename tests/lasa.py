@@ -5,6 +5,7 @@ Shared by benchmarks.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -76,6 +77,16 @@ def several(
         return {name: candidate.mixture for name, candidate in found.items()}
 
     return fit
+
+
+def best_of(work: Callable[[], object], repetitions: int = 5) -> float:
+    """Seconds of the fastest of several calls."""
+    durations = []
+    for _ in range(repetitions):
+        started = time.perf_counter()
+        work()
+        durations.append(time.perf_counter() - started)
+    return min(durations)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -140,7 +140,9 @@ def choose(
             entry = found.tried
         tried.append(entry)
     if not learned:
-        raise failure or SolverError("Every candidate's warp compresses too much to be learned from.", "none", {})
+        raise failure or SolverError(
+            "Every candidate's warp compresses too much to be learned from: lower dynamics.straightening.", "none", {}
+        )
     learned.sort(key=lambda item: item[:2])
     best = learned[0]
     for score, number, found in learned:

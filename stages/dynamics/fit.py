@@ -7,7 +7,7 @@ tries (`qlf.py`, `pqlf.py`, `warped.py`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,12 @@ import numpy as np
 from pipeline.errors import DataError, ParameterError
 from stages.dynamics.certificate import Certificate, restore
 from stages.dynamics.choose import Tried, choose
-from stages.dynamics.learn import Learning, Recipe, data_of, place, pooled, refine, regularised, system
+from stages.dynamics.learn import Learning, Recipe, data_of, place, pooled, refine, regularised, smoothed, system
 from stages.dynamics.lpvds import LpvDs, velocity_error
 from stages.dynamics.parameters import PqlfParameters, WarpedParameters
 from stages.dynamics.program.solve import Solution
-from stages.dynamics.samples import Frame, guides, thinned
+from stages.dynamics.samples import Frame, frame_of, guides, in_motion, thinned
+from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
 
@@ -50,6 +51,38 @@ class DynamicsFit:
     relative_rmse: float
     mixture: str
     tried: tuple[Tried, ...] = ()
+
+
+def fit_learned(
+    demonstrations: Sequence[Trajectory],
+    mixtures: Mapping[str, GaussianMixture],
+    goal: Array,
+    parameters: PqlfParameters | WarpedParameters,
+    warps: Callable[[Sequence[Trajectory], Array], Mapping[float, Warp]],
+) -> DynamicsFit:
+    """Learn P and A_k for every mixture, warp and weight of the guides, take the best on training data, and prove it.
+
+    `goal`: x_g, shape (d,), metres. `warps`: demonstrations without their rests and the goal -> warps by how far they
+    straighten the mean demonstration.
+
+    Raises DataError: see `check`. ParameterError: a parameter is out of range. SolverError: no candidate could be
+    learned, or the answer could not be proved stable.
+    """
+    goal = check(demonstrations, mixtures, goal)
+    moving = [in_motion(demonstration) for demonstration in demonstrations]
+    learning = learning_of(parameters, moving, goal)
+    frame = frame_of(moving, goal)
+    gated = {
+        name: smoothed(mixture, parameters.widening, parameters.blur * frame.size) for name, mixture in mixtures.items()
+    }
+    tried = warps(moving, goal)
+    recipes = [
+        Recipe(mixture=name, gaussians=gaussians, warp=warp, share=share, guidance=guidance)
+        for name, gaussians in gated.items()
+        for share, warp in tried.items()
+        for guidance in parameters.guidance
+    ]
+    return fit_best(moving, goal, frame, recipes, learning, demonstrations)
 
 
 def fit_best(

@@ -92,7 +92,7 @@ def blend(x: Array, model: ModelArrays, work: Workspace) -> None:
 
 
 @compiled
-def image_of(x: Array, model: ModelArrays, work: Workspace) -> None:
+def image_and_jacobian(x: Array, model: ModelArrays, work: Workspace) -> None:
     """Write psi(x) into `work.psi` and its Jacobian into `work.jacobian`. `x`: shape (d,), metres."""
     for i in range(model.goal.shape[0]):
         work.z[i] = x[i] - model.goal[i]
@@ -100,7 +100,7 @@ def image_of(x: Array, model: ModelArrays, work: Workspace) -> None:
 
 
 @compiled
-def place(x: Array, model: ModelArrays, work: Workspace) -> None:
+def image_only(x: Array, model: ModelArrays, work: Workspace) -> None:
     """Write psi(x) into `work.psi`. `x`: shape (d,), metres."""
     for i in range(model.goal.shape[0]):
         work.z[i] = x[i] - model.goal[i]
@@ -113,7 +113,7 @@ def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> fl
 
     s in (0, 1] keeps the speed within the limit; 1 where there is none.
     """
-    image_of(x, model, work)
+    image_and_jacobian(x, model, work)
     blend(x, model, work)
     for i in range(model.goal.shape[0]):
         total = 0.0
@@ -139,7 +139,7 @@ def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> fl
 @compiled
 def lyapunov_at(x: Array, model: ModelArrays, work: Workspace) -> float:
     """Return V(x) = psi(x)'P psi(x), square metres. `x`: shape (d,), metres."""
-    place(x, model, work)
+    image_only(x, model, work)
     total = 0.0
     for i in range(model.goal.shape[0]):
         for j in range(model.goal.shape[0]):
@@ -151,7 +151,7 @@ def lyapunov_at(x: Array, model: ModelArrays, work: Workspace) -> float:
 def lyapunov_gradient_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
     """Write grad V(x) = 2 J'P psi(x), metres, into `out`, shape (d,). `x`: shape (d,), metres."""
     d = model.goal.shape[0]
-    image_of(x, model, work)
+    image_and_jacobian(x, model, work)
     for i in range(d):
         work.row[i] = 0.0
         for j in range(d):
@@ -181,7 +181,7 @@ def step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array)
             out[i] = x[i]
     else:
         if model.speed_limit == math.inf:
-            place(x, model, work)
+            image_only(x, model, work)
         at_goal = True
         for i in range(d):
             at_goal &= work.psi[i] == 0.0

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from stages.dynamics.fit import DynamicsFit, check, fit_best, learning_of
-from stages.dynamics.learn import Recipe, smoothed
+from stages.dynamics.fit import DynamicsFit, fit_learned
 from stages.dynamics.parameters import PqlfParameters
-from stages.dynamics.samples import frame_of, in_motion
 from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
@@ -28,20 +26,6 @@ def fit(
 
     `goal`: x_g, shape (d,), metres.
 
-    Raises DataError: see `fit.check`. ParameterError: a parameter is out of range. SolverError: no candidate could be
-    learned, or the answer could not be proved stable.
+    Raises as `fit.fit_learned`.
     """
-    goal = check(demonstrations, mixtures, goal)
-    moving = [in_motion(demonstration) for demonstration in demonstrations]
-    learning = learning_of(parameters, moving, goal)
-    frame = frame_of(moving, goal)
-    gated = {
-        name: smoothed(mixture, parameters.widening, parameters.blur * frame.size) for name, mixture in mixtures.items()
-    }
-    identity = Warp.identity(len(goal))
-    recipes = [
-        Recipe(mixture=name, gaussians=gaussians, warp=identity, share=0.0, guidance=guidance)
-        for name, gaussians in gated.items()
-        for guidance in parameters.guidance
-    ]
-    return fit_best(moving, goal, frame, recipes, learning, demonstrations)
+    return fit_learned(demonstrations, mixtures, goal, parameters, lambda moving, at: {0.0: Warp.identity(at.shape[0])})

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from stages.dynamics.fit import DynamicsFit, check, fit_best, learning_of
-from stages.dynamics.learn import Recipe, smoothed
+from stages.dynamics.fit import DynamicsFit, fit_learned
 from stages.dynamics.parameters import WarpedParameters
-from stages.dynamics.samples import frame_of, in_motion
 from stages.dynamics.straighten import mean_demonstration, straighten
+from stages.dynamics.warp import Warp
 from stages.mixture.gaussian import GaussianMixture
 from stages.trajectory import Array, Trajectory
 
@@ -29,22 +28,11 @@ def fit(
 
     `goal`: x_g, shape (d,), metres.
 
-    Raises DataError: see `fit.check`. ParameterError: a parameter is out of range. SolverError: no candidate could be
-    learned, or the answer could not be proved stable.
+    Raises as `fit.fit_learned`.
     """
-    goal = check(demonstrations, mixtures, goal)
-    moving = [in_motion(demonstration) for demonstration in demonstrations]
-    learning = learning_of(parameters, moving, goal)
-    frame = frame_of(moving, goal)
-    mean = mean_demonstration(moving, goal)
-    warps = {share: straighten(mean, share, parameters.translations) for share in parameters.straightening}
-    gated = {
-        name: smoothed(mixture, parameters.widening, parameters.blur * frame.size) for name, mixture in mixtures.items()
-    }
-    recipes = [
-        Recipe(mixture=name, gaussians=gaussians, warp=warp, share=share, guidance=guidance)
-        for name, gaussians in gated.items()
-        for share, warp in warps.items()
-        for guidance in parameters.guidance
-    ]
-    return fit_best(moving, goal, frame, recipes, learning, demonstrations)
+
+    def warps(moving: Sequence[Trajectory], at: Array) -> dict[float, Warp]:
+        mean = mean_demonstration(moving, at)
+        return {share: straighten(mean, share, parameters.translations) for share in parameters.straightening}
+
+    return fit_learned(demonstrations, mixtures, goal, parameters, warps)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import itertools
 import statistics
-import time
-from collections.abc import Callable
 
 import numpy as np
-from lasa import KINDS, motions, one_mixture, samples
+from lasa import KINDS, best_of, motions, one_mixture, samples
 
 from stages.dynamics.lpvds import arrays
 from stages.dynamics.program.regression import least_squares
@@ -21,15 +19,6 @@ FACTORS = (1, 10, 100)
 """3,000 to 300,000 points."""
 FEW = 4
 """Motions on which the growth is measured."""
-
-
-def best_of(work: Callable[[], object], repetitions: int = 5) -> float:
-    durations = []
-    for _ in range(repetitions):
-        started = time.perf_counter()
-        work()
-        durations.append(time.perf_counter() - started)
-    return min(durations)
 
 
 def denser(demonstration: Trajectory, factor: int) -> Trajectory:

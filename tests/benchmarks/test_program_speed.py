@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from lasa import best_of
 
 from stages.dynamics.program.regression import LeastSquares, gather, with_ridge
 from stages.dynamics.program.solve import solve, solve_norm
@@ -19,15 +18,6 @@ PROGRAM_LIMIT = 0.002
 """Seconds in the plane, median, at K = 8; required, and held at K = 10."""
 SHARPENING_LIMIT = {2: 0.0004, 3: 0.002}
 """Seconds in the plane and in space: what the last digits cost beside a loose answer."""
-
-
-def best_of(work: Callable[[], object], repetitions: int = 10) -> float:
-    durations = []
-    for _ in range(repetitions):
-        started = time.perf_counter()
-        work()
-        durations.append(time.perf_counter() - started)
-    return min(durations)
 
 
 def samples(d: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
