@@ -72,7 +72,7 @@ class Key:
 
     label: str
     colour: str
-    mark: Literal["line", "dashed", "dotted", "area", "box", "dot", "arrow"] = "line"
+    mark: Literal["line", "dashed", "dotted", "area", "box", "dot", "arrow", "cross"] = "line"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,6 +232,7 @@ def _swatch(key: Key) -> str:
         "box": f'<rect x="3" y="0" width="20" height="12" style="fill: {colour}"/>',
         "area": f'<rect x="3" y="1" width="20" height="10" style="fill: {colour}; opacity: .45"/>',
         "dot": f'<circle cx="13" cy="6" r="4" style="fill: {colour}"/>',
+        "cross": f'<path d="M8 1L18 11M18 1L8 11" style="stroke: {colour}; stroke-width: 3"/>',
         "arrow": line + f'<path d="M26 6L18 2V10Z" style="fill: {colour}"/>',
     }.get(key.mark, line)
     return f'<svg viewBox="0 0 26 12" aria-hidden="true">{drawing}</svg>'

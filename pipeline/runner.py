@@ -190,7 +190,7 @@ class _Scheduler:
         if self.jobs > 1:
             for stage in self.stages:
                 if stage.warm:
-                    load(stage.warm)()
+                    load(stage.warm)([point.parameters[stage.name] for point in self.experiment.points])
         self.executor = make_executor(self.jobs)
 
     def _collect(self, future: Future[tuple[dict[str, Any], float]]) -> None:

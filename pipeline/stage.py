@@ -122,7 +122,8 @@ class Stage:
         headline: output files -> figures for the manifest.
         rows: output files -> the rows that people want to see of it; summarise: rows -> a few rows that say the same.
         tables: output files -> further tables of rows, by title.
-        warm: import string of a function that compiles what `run` needs, called once before workers start; or "".
+        warm: import string of a function that compiles what `run` needs, called once before workers start with the
+            parameters of all points; or "".
     """
 
     name: str

@@ -7,6 +7,7 @@ import functools
 import json
 import types
 import typing
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pipeline.errors import ParameterError, choices
@@ -15,31 +16,51 @@ from pipeline.stage import Stage
 LONGEST = 60
 """Characters of a wrong value that a message shows."""
 
+_MISSING = ("missing", "missing_argument", "missing_keyword_only_argument")
 
-def validate(stage: Stage, given: dict[str, Any]) -> Any:
+
+def validate(stage: Stage, given: Mapping[str, Any]) -> Any:
     """The stage's parameters made of a plain table.
 
     Raises ParameterError for the first thing that is wrong: unknown name, missing name, wrong type, value out of range.
     """
+    return validate_as(stage.parameters, stage.name, given)
+
+
+def validate_as(declared: Any, location: str, given: Mapping[str, Any]) -> Any:
+    """A declared class of parameters, or one of a union of such told apart by `kind`, made of a plain table.
+
+    Raises ParameterError, as `validate`; `location` is the dotted place of the table.
+    """
     from pydantic import ValidationError
 
+    if not isinstance(given, Mapping):
+        raise ParameterError(location, f"must be a table, not {given!r}.")
     given = dict(given)
-    members = _members(stage.parameters)
+    members = _members(declared)
     if len(members) > 1:
         given.setdefault("kind", _kind(members[0]))
         kinds = {_kind(member): member for member in members}
         if not isinstance(given["kind"], str) or given["kind"] not in kinds:
             raise ParameterError(
-                f"{stage.name}.kind", f"there is no kind {given['kind']!r}; {choices(str(given['kind']), kinds)}"
+                f"{location}.kind", f"there is no kind {given['kind']!r}; {choices(str(given['kind']), kinds)}"
             )
         chosen = kinds[given["kind"]]
     else:
         chosen = members[0]
     try:
         # From JSON, so that lists become tuples while strict types stay strict.
-        return _adapter(chosen).validate_json(json.dumps(given, default=str))
+        return _adapter(chosen).validate_json(json.dumps(given, default=_plain))
     except ValidationError as error:
-        raise _translate(stage.name, chosen, given, error.errors(include_url=False)[0]) from None
+        problems = error.errors(include_url=False)
+        # A name that is misspelt is a better message than that the right one is missing.
+        first = next((problem for problem in problems if problem["type"] not in _MISSING), problems[0])
+        raise _translate(location, chosen, given, first) from None
+
+
+def _plain(value: Any) -> Any:
+    """An array as lists, anything else that JSON does not know as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 @functools.cache
@@ -50,6 +71,8 @@ def _adapter(cls: type) -> Any:
 
 
 def _members(declared: Any) -> tuple[type, ...]:
+    if typing.get_origin(declared) is Annotated:
+        declared = typing.get_args(declared)[0]
     if typing.get_origin(declared) in (typing.Union, types.UnionType):
         return typing.get_args(declared)
     return (declared,)
@@ -67,7 +90,7 @@ def _translate(stage: str, cls: type, given: Any, problem: Any) -> ParameterErro
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         owner = _owner(cls, given, location[:-1])
         return ParameterError(dotted, f"unknown parameter; {choices(str(location[-1]), _names(owner))}")
-    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
+    if kind in _MISSING:
         return ParameterError(dotted, "must be given.")
     if kind == "union_tag_invalid":
         valid = [text.strip("' ") for text in str(context["expected_tags"]).split(",")]
@@ -76,6 +99,10 @@ def _translate(stage: str, cls: type, given: Any, problem: Any) -> ParameterErro
         )
     if kind == "union_tag_not_found":
         return ParameterError(f"{dotted}.kind", "must be given.")
+    if kind == "too_short":
+        return ParameterError(
+            dotted, f"must have at least {context['min_length']} entries, not {context['actual_length']}."
+        )
     if kind == "literal_error":
         return ParameterError(dotted, f"must be {context['expected']}, not {problem['input']!r}.")
     message = str(context.get("error", problem["msg"])).removeprefix("Input ").rstrip(".")

@@ -1,12 +1,14 @@
 """Compile what the stages need, once, before workers are started: each function runs its stage's mathematics on a toy.
 
-Only types matter to the compiler, so four points in the plane are enough. Nothing here is part of a result.
+Each is given the parameters of all points that are to be run. Only types matter to the compiler, so four points in the
+plane are enough. Nothing here is part of a result.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,26 +39,30 @@ def _toy() -> tuple[Trajectory, LpvDs]:
     return trajectory, model
 
 
-def mixture() -> None:
+def mixture(chosen: Sequence[Any]) -> None:
     """Compile the sampler and the polishing."""
     _toy()
 
 
-def dynamics() -> None:
+def dynamics(chosen: Sequence[Any]) -> None:
     """Compile the regression, the densities, the warp and the roll-outs that choose."""
     _toy()
 
 
-def rollout() -> None:
-    """Compile the roll-out loop."""
-    from stages.rollout.parameters import RolloutParameters
+def rollout(chosen: Sequence[Any]) -> None:
+    """Compile the roll-out loop; with all that avoids obstacles only where there are any, as this takes a while."""
+    from stages.policy.avoidance.parameters import Sphere
+    from stages.rollout.parameters import Condition, RolloutParameters
     from stages.rollout.simulate import simulate
 
+    conditions = [Condition()]
+    if any(c.obstacles or c.scenes for parameters in chosen for c in parameters.conditions):
+        conditions.append(Condition(name="obstacle", obstacles=(Sphere(centre=(5.0, 5.0), radius=1.0),)))
     trajectory, model = _toy()
-    simulate(model, [trajectory], RolloutParameters(starts="train"), 1.0)
+    simulate(model, [trajectory], RolloutParameters(starts="train", conditions=tuple(conditions)), 1.0)
 
 
-def evaluate() -> None:
+def evaluate(chosen: Sequence[Any]) -> None:
     """Compile the metrics."""
     from stages.evaluate.compare import compare
 
@@ -64,10 +70,13 @@ def evaluate() -> None:
     n = trajectory.time.shape[0]
     compare(
         time=trajectory.time,
+        x=trajectory.position,
         executed=trajectory.position,
         gate=np.ones(n, dtype=np.bool_),
         lyapunov=np.zeros(n),
-        displaced=-1,
+        clearance=np.full(n, np.nan),
+        status=np.full(n, "free", dtype=object),
+        disturbed=(),
         outcome="arrived",
         reference=trajectory,
         goal=np.zeros(2),

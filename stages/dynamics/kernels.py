@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.compiled import compiled
+from stages.compiled import compiled, lean
 from stages.dynamics.warp import image_at, unwarp_at, warp_at
 from stages.mixture.gaussian import responsibilities_at
 from stages.trajectory import Array
@@ -73,7 +73,7 @@ def workspace(model: ModelArrays) -> Workspace:
     return Workspace(np.empty(K), np.empty((d, d)), np.empty(d), np.empty(d), np.empty((d, d)), np.empty(d))
 
 
-@compiled
+@lean
 def blend(x: Array, model: ModelArrays, work: Workspace) -> None:
     """Write A(x) = sum_k gamma_k(x) A_k, 1/s, into `work.A`, and gamma(x) into `work.gamma`. Paper eq. (6).
 
@@ -91,7 +91,7 @@ def blend(x: Array, model: ModelArrays, work: Workspace) -> None:
             A[i, j] = total
 
 
-@compiled
+@lean
 def image_and_jacobian(x: Array, model: ModelArrays, work: Workspace) -> None:
     """Write psi(x) into `work.psi` and its Jacobian into `work.jacobian`. `x`: shape (d,), metres."""
     for i in range(model.goal.shape[0]):
@@ -99,7 +99,7 @@ def image_and_jacobian(x: Array, model: ModelArrays, work: Workspace) -> None:
     warp_at(work.z, model.centres, model.translations, model.rates, model.origin, work.psi, work.jacobian, work.row)
 
 
-@compiled
+@lean
 def image_only(x: Array, model: ModelArrays, work: Workspace) -> None:
     """Write psi(x) into `work.psi`. `x`: shape (d,), metres."""
     for i in range(model.goal.shape[0]):
@@ -107,7 +107,7 @@ def image_only(x: Array, model: ModelArrays, work: Workspace) -> None:
     image_at(work.z, model.centres, model.translations, model.rates, model.origin, work.psi)
 
 
-@compiled
+@lean
 def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> float:
     """Write f(x) = s J^-1 A(x) psi(x), m/s, into `out`, shape (d,); return s. Paper eq. (6). `x`: shape (d,), metres.
 
@@ -136,7 +136,7 @@ def velocity_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> fl
     return share
 
 
-@compiled
+@lean
 def lyapunov_at(x: Array, model: ModelArrays, work: Workspace) -> float:
     """Return V(x) = psi(x)'P psi(x), square metres. `x`: shape (d,), metres."""
     image_only(x, model, work)
@@ -147,7 +147,7 @@ def lyapunov_at(x: Array, model: ModelArrays, work: Workspace) -> float:
     return total
 
 
-@compiled
+@lean
 def lyapunov_gradient_at(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
     """Write grad V(x) = 2 J'P psi(x), metres, into `out`, shape (d,). `x`: shape (d,), metres."""
     d = model.goal.shape[0]
@@ -162,7 +162,7 @@ def lyapunov_gradient_at(x: Array, model: ModelArrays, work: Workspace, out: Arr
             out[i] += work.jacobian[j, i] * work.row[j]
 
 
-@compiled
+@lean
 def step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
     """Write the state `h` seconds after x, shape (d,), metres, into `out`, shape (d,); V never rises, whatever `h`.
 
@@ -196,7 +196,7 @@ def step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array)
             out[i] = work.z[i] + model.goal[i]
 
 
-@compiled
+@lean
 def euler_step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
     """Write x + h f(x), the explicit Euler step, into `out`, shape (d,), metres; V may rise. For comparison.
 
@@ -207,7 +207,7 @@ def euler_step_at(x: Array, model: ModelArrays, h: float, work: Workspace, out: 
         out[i] = x[i] + h * out[i]
 
 
-@compiled
+@lean
 def cayley_step(x: Array, goal: Array, A: Array, h: float, out: Array) -> None:
     """Write the state after a Cayley step into `out`, shape (d,), metres: (I - h A/2) z+ = (I + h A/2) z, z = x - x_g.
 
@@ -229,7 +229,7 @@ def cayley_step(x: Array, goal: Array, A: Array, h: float, out: Array) -> None:
         out[i] = x[i] + 2.0 * (out[i] - (x[i] - goal[i]))
 
 
-@compiled
+@lean
 def solve_in_place(A: Array, b: Array) -> None:
     """Overwrite b, shape (d,), by the solution of A y = b, by elimination with pivoting. `A`, (d, d): overwritten."""
     d = b.shape[0]
@@ -253,28 +253,28 @@ def solve_in_place(A: Array, b: Array) -> None:
         b[i] /= A[i, i]
 
 
-@compiled
+@lean
 def velocities(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
     """Write f, m/s, at states x, shape (n, d), metres, into `out`, shape (n, d). Paper eq. (6)."""
     for t in range(x.shape[0]):
         velocity_at(x[t], model, work, out[t])
 
 
-@compiled
+@lean
 def lyapunovs(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
     """Write V, square metres, at states x, shape (n, d), metres, into `out`, shape (n,)."""
     for t in range(x.shape[0]):
         out[t] = lyapunov_at(x[t], model, work)
 
 
-@compiled
+@lean
 def lyapunov_gradients(x: Array, model: ModelArrays, work: Workspace, out: Array) -> None:
     """Write grad V, metres, at states x, shape (n, d), metres, into `out`, shape (n, d)."""
     for t in range(x.shape[0]):
         lyapunov_gradient_at(x[t], model, work, out[t])
 
 
-@compiled
+@lean
 def steps(x: Array, model: ModelArrays, h: float, work: Workspace, out: Array) -> None:
     """Write the states after a step of `h` seconds from x, shape (n, d), metres, into `out`, shape (n, d)."""
     for t in range(x.shape[0]):

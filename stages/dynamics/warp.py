@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import DataError
-from stages.compiled import compiled
+from stages.compiled import compiled, lean
 from stages.trajectory import Array, frozen
 
 STEEPEST = math.sqrt(2.0 / math.e)
@@ -114,7 +114,7 @@ class Warp:
         return result
 
 
-@compiled
+@lean
 def warp_at(
     z: Array,
     centres: Array,
@@ -156,7 +156,7 @@ def warp_at(
         image[i] -= origin[i]
 
 
-@compiled
+@lean
 def image_at(z: Array, centres: Array, translations: Array, rates: Array, origin: Array, image: Array) -> None:
     """As `warp_at`, without the Jacobian; the same image to the last bit."""
     d = z.shape[0]
@@ -176,7 +176,7 @@ def image_at(z: Array, centres: Array, translations: Array, rates: Array, origin
         image[i] -= origin[i]
 
 
-@compiled
+@lean
 def unwarp_at(image: Array, centres: Array, translations: Array, rates: Array, origin: Array, z: Array) -> None:
     """Write psi^-1(image), shape (d,), metres, into `z`, shape (d,): the translations are undone from the last.
 

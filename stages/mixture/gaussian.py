@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.errors import DataError
-from stages.compiled import compiled
+from stages.compiled import lean
 from stages.trajectory import Array, frozen
 
 _SOURCE = "mixture"
@@ -150,7 +150,7 @@ def _log_densities(factors: Whitening, x: Array) -> Array:
     return factors.offsets[None, :] - 0.5 * squared
 
 
-@compiled
+@lean
 def responsibilities_at(x: Array, offsets: Array, means: Array, whiteners: Array, out: Array) -> float:
     """Write gamma_k(x), shape (K,), into `out` for one state x, shape (d,), metres; return log p(x). Eqs. (5), (6).
 
