@@ -1,4 +1,4 @@
-"""The public face of clpv in Python: `load` a fitted policy of an experiment, or `fit` one from arrays.
+"""The public face of clpv in Python: `load` a fitted policy, `fit` one from arrays, step it with a `controller`.
 
 ::
 
@@ -9,6 +9,10 @@
 
     policy = clpv.fit([demonstration_a, demonstration_b], dt=0.01)
     next_state = policy.step([[0.1, 0.2]], dt=0.01)
+
+    ball = {"kind": "sphere", "centre": [0.05, 0.1], "radius": 0.02}
+    robot = clpv.controller(policy, [0.1, 0.2], dt=0.004, obstacles=[ball])
+    command = robot.step(measured)                          # coupled, clear of obstacles; robot.status: what it did
 """
 
 from __future__ import annotations
@@ -21,8 +25,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stages.dynamics.lpvds import LpvDs
+    from stages.policy.controller import Controller
 
-__all__ = ["fit", "load"]
+__all__ = ["controller", "fit", "load"]
+
+LONGEST = 100_000
+"""Steps after which a policy's own way is no longer followed to learn its top speed."""
 
 
 def load(name: str, *, point: str | None = None, root: str | Path | None = None) -> LpvDs:
@@ -121,3 +129,88 @@ def fit(
     learn = stages["dynamics"].implementation(chosen["dynamics"].kind)
     model: LpvDs = learn(found.trajectories, mixtures, found.goal, chosen["dynamics"]).model
     return model
+
+
+def controller(
+    policy: LpvDs,
+    start: ArrayLike,
+    *,
+    dt: float,
+    obstacles: Sequence[Mapping[str, Any]] = (),
+    avoidance: Mapping[str, Any] | None = None,
+    coupling: Mapping[str, Any] | None = None,
+    top_speed: float | None = None,
+) -> Controller:
+    """A policy for a robot's control loop: coupled, eqs. (9)-(12), and clear of obstacles.
+
+    Arguments:
+        policy: from `load` or `fit`.
+        start: where the motion begins, shape (d,), metres.
+        dt: period of the loop, seconds.
+        obstacles: tables as in an experiment file, e.g. ``{"kind": "sphere", "centre": [0.1, 0.2], "radius": 0.05}``.
+        avoidance: a table as in an experiment file; default: ``{"kind": "roas+"}``.
+        coupling: a controller's table; default: ``{"kind": "clpvds", "mode": "robust"}``.
+        top_speed: of the demonstrations, m/s; default: that of the policy's own way from `start`.
+
+    Raises ParameterError where a parameter has no meaning, DataError where the motion cannot begin.
+    """
+    from pipeline.compiled import use_cache_for
+    from pipeline.errors import ParameterError
+    from pipeline.validation import validate_as
+
+    use_cache_for("stages")
+    import numpy as np
+
+    from stages.policy.avoidance.parameters import Avoidance, Obstacle
+    from stages.policy.controller import Controller
+    from stages.rollout.cases import runner_of
+    from stages.rollout.parameters import Controller as Declared
+    from stages.rollout.parameters import RolloutParameters
+
+    try:
+        begin = np.array(start, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError("start", "must be numbers in the shape (d,), metres.") from None
+    if isinstance(obstacles, Mapping):
+        raise ParameterError("obstacles", "must be a list of tables, one an obstacle.")
+    if top_speed is None:
+        top_speed = _top_speed(policy, begin, dt)
+    if not 0.0 < top_speed < float("inf"):
+        raise ParameterError("top_speed", f"must be a positive number, m/s, not {top_speed:g}.")
+    method = validate_as(Avoidance, "avoidance", _table(avoidance, "roas+"))
+    declared = validate_as(Declared, "coupling", _table(coupling, "clpvds"))
+    runner = runner_of(declared, RolloutParameters(), top_speed, dt, "coupling")
+    return Controller(
+        policy,
+        begin,
+        dt=dt,
+        coupling=runner.coupling,
+        top_speed=top_speed,
+        obstacles=[validate_as(Obstacle, f"obstacles.{number}", one) for number, one in enumerate(obstacles)],
+        avoidance=method,
+    )
+
+
+def _table(given: Any, kind: str) -> Any:
+    """What a caller gives, of this kind unless it says another."""
+    return {"kind": kind, **({} if given is None else given)} if given is None or isinstance(given, Mapping) else given
+
+
+def _top_speed(policy: LpvDs, start: Any, dt: float) -> float:
+    """The top speed of a policy's own way from `start`, shape (d,), metres, m/s."""
+    import numpy as np
+
+    from pipeline.errors import ParameterError
+
+    if start.shape != (policy.dimension,) or not np.isfinite(start).all() or not 0.0 < dt < np.inf:
+        return 1.0  # refused with a better sentence where the controller is made
+    state, top = start[None], 0.0
+    for _ in range(LONGEST):
+        following = policy.step(state, dt)
+        speed = float(np.linalg.norm(following - state)) / dt
+        top, state = max(top, speed), following
+        if speed <= 1e-3 * top:
+            break
+    if top == 0.0:
+        raise ParameterError("top_speed", "the policy does not move from this start: give the demonstrations', m/s.")
+    return top

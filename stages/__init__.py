@@ -13,13 +13,16 @@ ingest     reads recorded demonstrations                                   demon
 midpoint   one point's motion on a uniform clock, eq. (4)                  midpoints.parquet
 mixture    Gaussian mixtures over position, eq. (5): one, or candidates    mixture, assignments, sampler .parquet
 dynamics   stable dynamical system, eqs. (6)-(8), with a certificate       dynamics.parquet: all that a policy needs
-rollout    controllers x conditions x starts, eqs. (9)-(12)                rollouts.parquet
-evaluate   swept error area (26), dynamic time warping, recovery           metrics.parquet
+rollout    controllers x conditions x methods of avoidance x starts,       rollouts.parquet
+           eqs. (9)-(12), (19)-(23)
+evaluate   swept error area (26), dynamic time warping, recovery,          metrics.parquet
+           clearance
 =========  ==============================================================  ============================================
 
 Each stage is a folder: ``stage.py`` signs the contract of `pipeline.stage`, ``parameters.py`` declares what can be set,
 and the other modules are the mathematics, arrays in and arrays out. `stages/artifacts` holds the tables between them,
-`stages/policy` what a robot runs, `stages/world` what it is run against, `stages/figures` what the report shows.
+`stages/policy` what a robot runs (in `avoidance` one file a method of keeping clear), `stages/world` what it is run
+against, `stages/figures` what the report shows.
 """
 
 STAGES = (

@@ -129,7 +129,9 @@ def experiment_text(
         '    { kind = "clpvds" },',
         "]",
         "# A push: a displacement of the executed state, metres, one number a coordinate, at half the path:",
-        '# { name = "push", displacement = [0.0, 0.0, 0.05], at_fraction = 0.5 },',
+        '# { name = "push", disturbances = [{ kind = "displacement", offset = [0.0, 0.0, 0.05] }] },',
+        "# A ball on the way, where it is and how large, metres:",
+        '# { name = "ball", obstacles = [{ kind = "sphere", centre = [0.5, 0.0, 0.3], radius = 0.1 }] },',
         'conditions = [{ name = "none" }]',
     ]
     return "\n".join(lines) + "\n"

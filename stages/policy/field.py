@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from stages.compiled import compiled
+from stages.compiled import compiled, lean
 from stages.dynamics import kernels
 from stages.dynamics.kernels import ModelArrays, Workspace, euler_step_at, step_at
 from stages.dynamics.lpvds import LpvDs
-from stages.trajectory import Array
+from stages.trajectory import Array, frozen
 
 CAYLEY, EULER = 0, 1
 
@@ -25,10 +25,12 @@ class Field(NamedTuple):
     Attributes:
         integrator: CAYLEY (V never rises) or EULER (explicit, for comparison).
         model: the system.
+        factor: array, shape (d, d), L' with P = L L': |L'psi|^2 is V.
     """
 
     integrator: int
     model: ModelArrays
+    factor: Array
 
 
 class Work(NamedTuple):
@@ -45,7 +47,8 @@ class Work(NamedTuple):
 
 def field_of(model: LpvDs, integrator: Literal["cayley", "euler"]) -> Field:
     """The learned system for `advance`."""
-    return Field(CAYLEY if integrator == "cayley" else EULER, model.arrays)
+    factor = frozen(np.linalg.cholesky(model.lyapunov_matrix).T)
+    return Field(CAYLEY if integrator == "cayley" else EULER, model.arrays, factor)
 
 
 @compiled
@@ -54,7 +57,7 @@ def workspace(field: Field) -> Work:
     return Work(kernels.workspace(field.model), np.empty(field.model.goal.shape[0]))
 
 
-@compiled
+@lean
 def advance(field: Field, x: Array, dt: float, work: Work) -> None:
     """Move x by one step of the learned system. Paper eq. (6).
 

@@ -1,4 +1,7 @@
-"""How a roll-out can end. The text of each member is what to do about it. Not an error: an outcome is a result."""
+"""How a roll-out can end, and what became of a step. The text of each member is what to do about it, or what it means.
+
+Not errors: an outcome is a result.
+"""
 
 from __future__ import annotations
 
@@ -27,3 +30,58 @@ class Outcome(StrEnum):
         "diverged",
         "The state ran away from the goal: use rollout.integrator = cayley, or a smaller rollout.dt.",
     )
+    COLLIDED = (
+        "collided",
+        "The executed state entered an obstacle: use avoidance of kind roas+, or, where a disturbance pushed it in, "
+        "roas+ with recover = true.",
+    )
+    INFEASIBLE = (
+        "infeasible",
+        "Moving obstacles closed in from several sides, and no velocity kept clear of all; every such step was "
+        "flagged: raise the margin, or slow the obstacles down.",
+    )
+    TOO_FAST = (
+        "too-fast",
+        "A moving obstacle caught up with the state, which the speed limit held back; every such step was flagged: "
+        "raise the avoidance's speed_limit, if the robot can.",
+    )
+    TRAPPED = (
+        "trapped",
+        "The state stood still against an obstacle for a second, short of the goal: use avoidance of kind roas+ with "
+        "detour = true; of a box or an ellipsoid, cover = true.",
+    )
+    GOAL_INSIDE = (
+        "goal-inside",
+        "The goal lies inside of an obstacle or within its margin: move the obstacle, or lower radius or margin.",
+    )
+    START_INSIDE = (
+        "start-inside",
+        "The start lies inside of an obstacle or within its margin: move the obstacle, or set recover = true to let "
+        "the state leave it.",
+    )
+    SWALLOWED = (
+        "swallowed",
+        "Obstacles overlap, and the sphere that holds them holds the start or the goal, too: set them apart, or set "
+        "merge = false and accept that the state may be trapped between them.",
+    )
+
+
+class Status(StrEnum):
+    """What became of a step among obstacles; `list(Status)[code]` is the name of a code of compiled code."""
+
+    meaning: str
+
+    def __new__(cls, name: str, meaning: str) -> Status:
+        """A member whose value is `name`."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.meaning = meaning
+        return member
+
+    FREE = "free", "No obstacle is in the way: the step is the learned system's."
+    ACTIVE = "active", "The step was led round an obstacle; V does not rise."
+    DETOURING = "detouring", "On a way out of a trap, on which V may rise until the way ends, lower than it began."
+    YIELDING = "yielding", "Giving way to a moving obstacle, or leaving one; V may rise."
+    INFEASIBLE = "infeasible", "No velocity keeps clear of all obstacles: the one that misses least was taken."
+    TOO_FAST = "too-fast", "No velocity within the speed limit keeps clear: the one that misses least was taken."
+    TRAPPED = "trapped", "Nothing has moved for a second."

@@ -1,7 +1,7 @@
-"""From the parameters of a roll-out stage to what runs: checked, completed, and told when a displacement comes.
+"""From the parameters of a roll-out stage to what runs: checked, completed, refused where it has no meaning.
 
 Whatever has no meaning is refused here, before anything runs. Not here: the roll-outs (`simulate.py`), and how a
-coupling completes its own parameters (`stages/policy/coupled.py`).
+coupling or a method of avoidance completes its own parameters (`stages/policy`).
 """
 
 from __future__ import annotations
@@ -11,18 +11,28 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pipeline.errors import DataError, ParameterError
-from stages.policy.coupled import PLAIN, Coupling, paper_coupling, robust_coupling
-from stages.rollout.parameters import Condition, Controller, LpvdsController, Mode, RolloutParameters
-from stages.trajectory import Array, Trajectory
-
-HALF_WAY = 0.5
-"""Where a displacement is added if its condition does not say: a fraction of the arc length. Paper Fig. 3."""
+from stages.policy.avoidance.parameters import Avoidance, NoAvoidance
+from stages.policy.avoidance.scene import shapes_of
+from stages.policy.coupled import PLAIN, Coupling
+from stages.policy.coupling import check_explicit, paper_coupling, robust_coupling
+from stages.rollout.parameters import (
+    Condition,
+    Controller,
+    Disturbance,
+    LpvdsController,
+    Mode,
+    Noise,
+    RandomScenes,
+    RolloutParameters,
+)
+from stages.trajectory import Trajectory
 
 MOST_STEPS = 10_000_000
 """Longer roll-outs are a mistake in the parameters: at d = 3 they would fill half a gigabyte."""
+
+NAME = re.compile(r"[\w.+-]+")
+"""Of a condition or a method."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,20 +54,10 @@ class Runner:
         """What the names of its roll-outs begin with."""
         return self.kind if self.kind == "lpvds" else f"{self.kind}-{self.mode}"
 
-
-def displacement_sample(condition: Condition, undisturbed: Array, dt: float) -> int:
-    """First sample that holds the displacement of a condition that has one.
-
-    Args:
-        condition: by `at_time`, seconds, or by `at_fraction` of the arc length; by neither: half of it.
-        undisturbed: array, shape (n, d), metres: the executed path of the same controller without the displacement.
-        dt: step, seconds.
-    """
-    if condition.at_time is not None:
-        return math.ceil(condition.at_time / dt - 1e-9)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(undisturbed, axis=0), axis=1))])
-    fraction = HALF_WAY if condition.at_fraction is None else condition.at_fraction
-    return int(np.searchsorted(length, fraction * length[-1]))
+    @property
+    def v_max(self) -> float:
+        """Top speed of its executed state, m/s; inf: none."""
+        return self.coupling.v_max if self.coupling.v_max > 0.0 else math.inf
 
 
 def step_limit(max_duration: float, duration: float, dt: float) -> int:
@@ -74,8 +74,8 @@ def step_limit(max_duration: float, duration: float, dt: float) -> int:
     return math.ceil(steps - 1e-9)
 
 
-def resolve(parameters: RolloutParameters, top_speed: float) -> list[Runner]:
-    """Complete every controller's parameters from the demonstrations' top speed, m/s.
+def resolve(parameters: RolloutParameters, top_speed: float, dt: float) -> list[Runner]:
+    """Complete every controller's parameters from the demonstrations' top speed, m/s; `dt`: the longest step, seconds.
 
     Raises:
         ParameterError: a coupling cannot work, or two controllers are the same kind in the same mode.
@@ -83,7 +83,7 @@ def resolve(parameters: RolloutParameters, top_speed: float) -> list[Runner]:
     runners: list[Runner] = []
     for number, controller in enumerate(parameters.controllers):
         location = f"rollout.controllers.{number}"
-        runner = _runner(controller, parameters.mode, top_speed, location)
+        runner = runner_of(controller, parameters, top_speed, dt, location)
         if (runner.kind, runner.mode) in [(other.kind, other.mode) for other in runners]:
             raise ParameterError(
                 location, f"a second {runner.kind} in mode {runner.mode}; their rows could not be told apart."
@@ -92,17 +92,36 @@ def resolve(parameters: RolloutParameters, top_speed: float) -> list[Runner]:
     return runners
 
 
-def _runner(controller: Controller, mode: Mode, top_speed: float, location: str) -> Runner:
+def runner_of(
+    controller: Controller, parameters: RolloutParameters, top_speed: float, dt: float, location: str
+) -> Runner:
+    """Complete one controller's parameters; `location`: their dotted place. Otherwise as `resolve`."""
     if isinstance(controller, LpvdsController):
-        return Runner(kind=controller.kind, mode=mode, coupling=PLAIN)
-    mode = controller.mode or mode
+        return Runner(kind=controller.kind, mode=parameters.mode, coupling=PLAIN)
+    mode = controller.mode or parameters.mode
     if mode == "robust":
-        robust = robust_coupling(v_max=controller.v_max, top_speed=top_speed, location=location)
+        robust = robust_coupling(
+            v_max=controller.v_max, tolerance=controller.tolerance, top_speed=top_speed, location=location
+        )
         return Runner(kind=controller.kind, mode=mode, coupling=robust.compiled)
     paper = paper_coupling(
         p_max=controller.p_max, k_c=controller.k_c, gate=controller.gate, top_speed=top_speed, location=location
     )
+    if parameters.integrator == "euler":
+        check_explicit(paper, dt, location)
     return Runner(kind=controller.kind, mode=mode, coupling=paper.compiled)
+
+
+def method_name(method: Avoidance) -> str:
+    """What tables call a method of avoidance."""
+    return method.name or method.kind
+
+
+def methods_of(condition: Condition, parameters: RolloutParameters) -> tuple[tuple[str, Avoidance], ...]:
+    """Dotted place and method of avoidance that run under a condition: without obstacles, one that does nothing."""
+    if not condition.obstacles and condition.scenes is None:
+        return (("rollout.avoidances", NoAvoidance()),)
+    return tuple((f"rollout.avoidances.{number}", method) for number, method in enumerate(parameters.avoidances))
 
 
 def check(parameters: RolloutParameters, dimension: int) -> None:
@@ -118,40 +137,62 @@ def check(parameters: RolloutParameters, dimension: int) -> None:
     ):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise ParameterError(f"rollout.{name}", f"must be a positive number, not {value:g}.")
-    for name, entries in (("controllers", parameters.controllers), ("conditions", parameters.conditions)):
+    lists = (("controllers", parameters.controllers), ("conditions", parameters.conditions))
+    for name, entries in (*lists, ("avoidances", parameters.avoidances)):
         if not entries:
             raise ParameterError(f"rollout.{name}", "at least one is needed.")
-    names: set[str] = set()
+    _check_names("rollout.conditions", [condition.name for condition in parameters.conditions], "condition")
+    _check_names("rollout.avoidances", [method_name(method) for method in parameters.avoidances], "method")
     for number, condition in enumerate(parameters.conditions):
         location = f"rollout.conditions.{number}"
-        if not re.fullmatch(r"[\w.+-]+", condition.name):
+        for index, disturbance in enumerate(condition.disturbances):
+            _check_disturbance(disturbance, dimension, f"{location}.disturbances.{index}")
+        shapes_of(condition.obstacles, dimension, f"{location}.obstacles")
+        if condition.scenes is not None:
+            if condition.obstacles:
+                raise ParameterError(f"{location}.scenes", "give obstacles or random scenes, not both.")
+            _check_scenes(condition.scenes, f"{location}.scenes")
+
+
+def _check_names(location: str, names: Sequence[str], word: str) -> None:
+    for number, name in enumerate(names):
+        if not NAME.fullmatch(name):
             raise ParameterError(
-                f"{location}.name", f"{condition.name!r} must be letters, digits, '_', '.', '+' or '-'."
+                f"{location}.{number}.name", f"{name!r} must be letters, digits, '_', '.', '+' or '-'."
             )
-        if condition.name in names:
-            raise ParameterError(f"{location}.name", f"{condition.name!r} is the name of an earlier condition.")
-        names.add(condition.name)
-        _check_condition(condition, dimension, location)
+        if name in names[:number]:
+            raise ParameterError(f"{location}.{number}.name", f"{name!r} is the name of an earlier {word}.")
 
 
-def _check_condition(condition: Condition, dimension: int, location: str) -> None:
-    fraction, time, displacement = condition.at_fraction, condition.at_time, condition.displacement
-    if fraction is not None and time is not None:
-        raise ParameterError(f"{location}.at_time", "give at_fraction or at_time, not both.")
-    if fraction is not None and not 0.0 <= fraction <= 1.0:
-        raise ParameterError(f"{location}.at_fraction", f"must lie between 0 and 1, not {fraction:g}.")
-    if time is not None and not (math.isfinite(time) and time >= 0.0):
-        raise ParameterError(f"{location}.at_time", f"must be a number of seconds from the start, not {time:g}.")
-    if displacement is None:
-        if fraction is not None or time is not None:
-            raise ParameterError(f"{location}.displacement", "is missing, but the condition says when it happens.")
-        return
-    if len(displacement) != dimension:
-        raise ParameterError(
-            f"{location}.displacement", f"has {len(displacement)} coordinates, the motion has {dimension}; metres."
-        )
-    if not all(map(math.isfinite, displacement)):
-        raise ParameterError(f"{location}.displacement", "must be finite; metres.")
+def _check_disturbance(disturbance: Disturbance, dimension: int, location: str) -> None:
+    given = [name for name in ("at_fraction", "at_time", "at_state") if getattr(disturbance, name) is not None]
+    if len(given) > 1:
+        raise ParameterError(f"{location}.{given[1]}", f"give {given[0]} or {given[1]}, not both.")
+    for name, value in vars(disturbance).items():
+        if isinstance(value, float) and not (math.isfinite(value) and value >= 0.0):
+            raise ParameterError(f"{location}.{name}", f"must be a finite number, 0 or more, not {value:g}.")
+    if disturbance.at_fraction is not None and disturbance.at_fraction > 1.0:
+        raise ParameterError(f"{location}.at_fraction", f"must be at most 1, not {disturbance.at_fraction:g}.")
+    vectors = ("at_state",) if isinstance(disturbance, Noise) else ("at_state", "offset")
+    for name in vectors:
+        vector = getattr(disturbance, name)
+        if vector is None:
+            continue
+        if len(vector) != dimension:
+            raise ParameterError(
+                f"{location}.{name}", f"has {len(vector)} coordinates, the motion has {dimension}; metres."
+            )
+        if not all(map(math.isfinite, vector)):
+            raise ParameterError(f"{location}.{name}", "must be finite; metres.")
+
+
+def _check_scenes(scenes: RandomScenes, location: str) -> None:
+    for name, value in vars(scenes).items():
+        if not math.isfinite(value):
+            raise ParameterError(f"{location}.{name}", f"must be finite, not {value:g}.")
+    for low, high in (("fewest", "most"), ("smallest", "largest")):
+        if getattr(scenes, low) > getattr(scenes, high):
+            raise ParameterError(f"{location}.{low}", f"is more than {high}.")
 
 
 def check_starts(starts: Sequence[Trajectory], dimension: int, top_speed: float) -> None:

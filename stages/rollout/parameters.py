@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from annotated_types import MinLen
 from pydantic import Discriminator
 
-from pipeline.stage import NonNegative, Positive, UnitInterval, parameters
+from pipeline.stage import Count, NonNegative, Positive, UnitInterval, Whole, parameters
+from stages.policy.avoidance.parameters import Avoidance, Obstacle, RoasPlusParameters
 
 Mode = Literal["paper", "robust"]
+Vector = Annotated[tuple[float, ...], MinLen(2)]
 
 
 @parameters
@@ -30,6 +33,8 @@ class ClpvdsController:
         gate: tolerance of the gate of eq. (12), m; it opens within `gate` and closes beyond 2 `gate`; none: from p_max,
             so that 1.2 x the demonstrations' top speed passes. Only in paper mode.
         v_max: top speed of the deadbeat follower, m/s; none: 5 x the demonstrations' top speed. Only in robust mode.
+        tolerance: 0: the gate is exact; else it opens within this and closes beyond twice this, m: more than the noise
+            of the executed state, which would keep an exact gate closed. Only in robust mode.
     """
 
     kind: Literal["clpvds"] = "clpvds"
@@ -38,23 +43,130 @@ class ClpvdsController:
     p_max: Positive | None = None
     gate: NonNegative | None = 0.002
     v_max: Positive | None = None
+    tolerance: NonNegative = 0.0
+
+
+@parameters
+class Displacement:
+    """The executed state is displaced at once, and let go: the paper's simulated disturbance.
+
+    Attributes:
+        offset: metres, one number a coordinate.
+        at_fraction: when, as a fraction of the arc length of the controller's own undisturbed path; the paper: 0.5.
+        at_time: when, seconds from the start.
+        at_state: when, as the place on that path nearest to this state, metres. One of the three; none of them: half.
+    """
+
+    kind: Literal["displacement"] = "displacement"
+    offset: Vector
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+@parameters
+class Held:
+    """The executed state is displaced at once and held there, whatever is commanded: the paper's disturbance of an arm.
+
+    Attributes:
+        offset: metres, one number a coordinate.
+        duration: seconds.
+        at_fraction, at_time, at_state: when, as of a displacement.
+    """
+
+    kind: Literal["held"] = "held"
+    offset: Vector
+    duration: Positive
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+@parameters
+class Ramp:
+    """The executed state is dragged away in a straight line, held, and let go.
+
+    Attributes:
+        offset: metres, one number a coordinate, where it is dragged.
+        rise: seconds that this takes.
+        hold: seconds that it is held there.
+        at_fraction, at_time, at_state: when, as of a displacement.
+    """
+
+    kind: Literal["ramp"] = "ramp"
+    offset: Vector
+    rise: Positive
+    hold: NonNegative = 0.0
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+@parameters
+class Noise:
+    """The executed state is shaken: every sample is displaced by a normal random vector.
+
+    Attributes:
+        std: standard deviation of each coordinate of each sample's displacement, metres.
+        duration: seconds.
+        at_fraction, at_time, at_state: when, as of a displacement.
+    """
+
+    kind: Literal["noise"] = "noise"
+    std: Positive
+    duration: Positive
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+Disturbance = Annotated[Displacement | Held | Ramp | Noise, Discriminator("kind")]
+
+
+@parameters
+class RandomScenes:
+    """Scenes of random spheres that all block the way which the learned system would take from a start.
+
+    Lengths are relative to the distance from the start to the goal. The seed of the experiment draws them, the same for
+    all controllers and methods.
+
+    Attributes:
+        count: scenes for each start.
+        fewest, most: spheres in a scene.
+        smallest, largest: radii of spheres.
+        apart: room between any two spheres; negative: they may overlap by so much.
+        free: room between a sphere and start or goal.
+        speed: top speed of the spheres, as a multiple of the top speed on the way; 0: they stand. A moving sphere is on
+            the way when the state would be there.
+        common: one scene for all starts, placed on the way from the first of them; it may not block the others.
+    """
+
+    count: Count = 1
+    fewest: Count = 1
+    most: Count = 5
+    smallest: Positive = 0.05
+    largest: Positive = 0.2
+    apart: float = 0.02
+    free: Positive = 0.02
+    speed: NonNegative = 0.0
+    common: bool = False
 
 
 @parameters
 class Condition:
-    """What happens to the executed state on the way.
+    """What happens to the executed state on the way, and what is in the way.
 
     Attributes:
         name: of the condition, as in the tables: ``none``, ``cond1``.
-        displacement: added once to the executed state, metres, one number a coordinate; none: nothing happens.
-        at_fraction: when, as a fraction of the arc length of the controller's own undisturbed path; the paper: 0.5.
-        at_time: when, seconds from the start; instead of `at_fraction`.
+        disturbances: of the executed state, in any number and order.
+        obstacles: spheres, boxes, ellipsoids; standing or moving.
+        scenes: random spheres instead.
     """
 
     name: str = "none"
-    displacement: tuple[float, ...] | None = None
-    at_fraction: UnitInterval | None = None
-    at_time: NonNegative | None = None
+    disturbances: tuple[Disturbance, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    scenes: RandomScenes | None = None
 
 
 Controller = Annotated[LpvdsController | ClpvdsController, Discriminator("kind")]
@@ -62,24 +174,28 @@ Controller = Annotated[LpvdsController | ClpvdsController, Discriminator("kind")
 
 @parameters
 class RolloutParameters:
-    """The cases of one roll-out stage: controllers x conditions x starts.
+    """The cases of one roll-out stage: controllers x conditions x methods of avoidance x starts.
 
     Attributes:
         mode: of the coupled controllers that name none of their own.
         controllers: what runs.
         conditions: under what.
+        avoidances: how obstacles are avoided; each runs under every condition that has obstacles.
         starts: from the first points of which demonstrations.
         integrator: ``cayley`` (V never rises) or ``euler`` (explicit, for comparison).
         dt: step, seconds; none: the sampling period of the start's demonstration.
         stop_distance: a roll-out has arrived when the executed state is this near the goal, metres.
         max_duration: longest roll-out, as a multiple of the start's demonstration.
+        replicate: other random numbers, with the same seed.
     """
 
     mode: Mode = "robust"
     controllers: tuple[Controller, ...] = (LpvdsController(), ClpvdsController())
     conditions: tuple[Condition, ...] = (Condition(),)
+    avoidances: tuple[Avoidance, ...] = (RoasPlusParameters(),)
     starts: Literal["test", "train", "all"] = "test"
     integrator: Literal["cayley", "euler"] = "cayley"
     dt: Positive | None = None
     stop_distance: Positive = 0.0005
     max_duration: Positive = 3.0
+    replicate: Whole = 0

@@ -1,35 +1,36 @@
-"""Roll-outs in the kinematic world: controllers x conditions x starts. Paper Figs 2 and 3, eqs. (6) and (9)-(12).
+"""Roll-outs in the kinematic world: controllers x conditions x methods of avoidance x starts. Paper Figs. 2 to 4.
 
-A displacement is added once, where the arc length of the controller's OWN undisturbed executed path reaches a fraction
-of its total. The loop alternates the policy (`stages/policy`) and the world (`stages/world`) and writes what happens
-into arrays that were made before it starts. Not here: metrics (`stages/evaluate`) and files (`stage.py`).
+A case that is disturbed is first run undisturbed, as its disturbances begin where its own undisturbed path says. Not
+here: one case (`run.py`), metrics (`stages/evaluate`) and files (`stage.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.compiled import compiled
 from stages.dynamics.lpvds import LpvDs
-from stages.policy.coupled import Coupling, act, distance, observe
-from stages.policy.field import Field, field_of, workspace
+from stages.policy.avoidance.method import margin_of, resolve_avoidance
+from stages.policy.avoidance.parameters import Avoidance
+from stages.policy.avoidance.scene import refusal
+from stages.policy.avoidance.scratch import IGNORE
+from stages.policy.field import field_of
 from stages.policy.outcome import Outcome
-from stages.rollout.cases import Runner, check, check_starts, displacement_sample, resolve, step_limit
+from stages.policy.policy import Rules
+from stages.rollout.cases import Runner, check, check_starts, method_name, methods_of, resolve, step_limit
+from stages.rollout.disturbances import pushes_of
 from stages.rollout.parameters import Condition, Mode, RolloutParameters
+from stages.rollout.run import Path, refused, run_case
+from stages.rollout.scenes import Scene, Scenes
 from stages.trajectory import Array, Trajectory, frozen
-from stages.world.kinematic import carry_out, displace
+from stages.world.disturbance import Pushes, no_pushes
 
-FAR = 1e3
-"""A state this many times farther from the goal than its start has diverged."""
-
-NEVER = -1
-
-_OUTCOMES = (Outcome.ARRIVED, Outcome.TIMEOUT, Outcome.DIVERGED)
-_ARRIVED, _TIMEOUT, _DIVERGED = range(3)
+Draw = Callable[..., np.random.Generator]
+"""Names -> the random numbers that belong to them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,48 +38,62 @@ class Rollout:
     """One case, run; n samples, the first at the start.
 
     Attributes:
-        rollout: unique name, e.g. ``clpvds-robust/cond1/4``.
+        rollout: unique name, e.g. ``clpvds-robust/cond1/4``; among obstacles ``lpvds/roas+/two/4``.
         controller: ``lpvds`` or ``clpvds``.
         mode: ``paper`` or ``robust``; of ``lpvds``, the run's own.
-        avoidance: kind of obstacle avoidance; ``none``.
+        avoidance: name of the method; ``none`` where there are no obstacles.
         condition: its name.
         dataset, demo, split: of the demonstration that it starts from.
+        scene: name of its scene; "": there are no obstacles.
         time: array, shape (n,), seconds.
-        x: array, shape (n, d), metres: the state of the learned system.
-        p_hat: array, shape (n, d), metres: the executed state; of ``lpvds``, x itself.
-        gate: array of bool, shape (n,): x moves in the step that follows the sample.
+        x, p_hat, gate, clearance, status, disturbed, missed, outcome: as of `stages.rollout.run.Path`; p_hat of
+            ``lpvds`` is x.
         lyapunov: array, shape (n,), V of x, square metres.
-        displaced: first sample that holds the displacement; -1: there was none, or the roll-out ended before it.
-        outcome: how it ended.
     """
 
     rollout: str
     controller: str
     mode: Mode
-    avoidance: str = "none"
+    avoidance: str
     condition: str
     dataset: str
     demo: str
     split: str
+    scene: str
     time: Array
     x: Array
     p_hat: Array
     gate: NDArray[np.bool_]
     lyapunov: Array
-    displaced: int
+    clearance: Array
+    status: NDArray[np.int8]
+    disturbed: tuple[tuple[int, int], ...]
+    missed: int
     outcome: Outcome
+
+    @property
+    def displaced(self) -> int:
+        """First sample that a disturbance has moved; -1: there is none."""
+        return self.disturbed[0][0] if self.disturbed else -1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Path:
-    """What the loop recorded; attributes as of `Rollout`."""
+class Simulated:
+    """All that a stage has run: roll-outs, the scenes that they ran in, the controllers as they were completed."""
 
-    dt: float
-    x: Array
-    p_hat: Array
-    gate: NDArray[np.bool_]
-    displaced: int
-    outcome: Outcome
+    rollouts: tuple[Rollout, ...]
+    scenes: tuple[Scene, ...]
+    runners: tuple[Runner, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Case:
+    runner: Runner
+    condition: Condition
+    method: Avoidance
+    location: str
+    start: Trajectory
+    number: int
 
 
 def simulate(
@@ -87,8 +102,11 @@ def simulate(
     parameters: RolloutParameters,
     top_speed: float,
     progress: Callable[[int, int], None] | None = None,
-) -> list[Rollout]:
-    """Run every case: controllers x conditions x starts, in this order. Paper eqs. (6), (9)-(12).
+    draw: Draw | None = None,
+) -> Simulated:
+    """Run every case: controllers x conditions x methods of avoidance x starts x scenes, in this order.
+
+    Paper eqs. (6), (9)-(12), (22).
 
     Args:
         model: the learned system.
@@ -96,132 +114,139 @@ def simulate(
         parameters: the cases.
         top_speed: of the demonstrations that were learned from, m/s.
         progress: called after each case with the number of finished cases and of all.
+        draw: random numbers by name, of scenes and noise; none: those of the seed 0.
 
     Raises:
         ParameterError: a parameter has no meaning, or not for this model.
         DataError: a start has another dimension than the model, two starts have one name, or nothing ever moved.
     """
+    draw = draw_from(0) if draw is None else draw
     check(parameters, model.dimension)
     check_starts(starts, model.dimension, top_speed)
-    runners = resolve(parameters, top_speed)
+    clocks = {start.name: start.step if parameters.dt is None else parameters.dt for start in starts}
+    longest = max(clocks.values(), default=1.0)
+    runners = resolve(parameters, top_speed, longest)
+    for number, method in enumerate(parameters.avoidances):
+        resolve_avoidance(method, top_speed, longest, math.inf, f"rollout.avoidances.{number}")
     field = field_of(model, parameters.integrator)
-    several = len({start.dataset for start in starts}) > 1
-    total = len(runners) * len(parameters.conditions) * len(starts)
-    rollouts: list[Rollout] = []
+    scenes = Scenes(model, starts, parameters, draw)
+    names = _Names(several=len({start.dataset for start in starts}) > 1)
+    undisturbed: dict[tuple[str, str], Path] = {}
+
+    def run(case: _Case, scene: Scene | None, pushes: Pushes) -> Path:
+        dt, start = clocks[case.start.name], case.start.position[0]
+        real = seen = None
+        avoidance, recover = IGNORE, bool(getattr(case.method, "recover", False))
+        if scene is not None:
+            real, seen = scene.shapes, scene.seen_by(case.method)
+            outcome = refusal(real, seen, margin_of(case.method), start, model.goal, recover=recover)
+            if outcome is not None:
+                return refused(start, dt, real, outcome)
+            avoidance = resolve_avoidance(case.method, top_speed, dt, case.runner.v_max, case.location)
+        return run_case(
+            Rules(field, case.runner.coupling, avoidance),
+            seen,
+            real,
+            pushes,
+            start,
+            dt=dt,
+            steps=step_limit(parameters.max_duration, case.start.duration, dt),
+            stop_distance=parameters.stop_distance,
+            recover=recover,
+        )
+
+    def path_of(case: _Case, scene: Scene | None) -> Path:
+        known = (case.runner.label, case.start.name)
+        path = undisturbed.get(known) if scene is None else None
+        if path is None:
+            path = run(case, scene, no_pushes(model.dimension))
+            if scene is None:
+                undisturbed[known] = path
+        if not case.condition.disturbances or path.p_hat.shape[0] == 1:
+            return path
+        place = (case.condition.name, case.start.name, scene.name if scene is not None else "")
+        pushes = pushes_of(
+            case.condition.disturbances,
+            path.p_hat,
+            path.dt,
+            step_limit(parameters.max_duration, case.start.duration, path.dt),
+            lambda number: draw("noise", *place, number),
+        )
+        return run(case, scene, pushes)
+
+    cases = list(_cases(runners, parameters, starts))
+    rollouts = []
+    for case in cases:
+        scene = scenes.of(case.condition, case.start, case.number)
+        path = path_of(case, scene)
+        rollouts.append(_rollout(names.of(case), case, scene, path, model))
+        if progress is not None:
+            progress(len(rollouts), len(cases))
+    return Simulated(rollouts=tuple(rollouts), scenes=tuple(scenes.used), runners=tuple(runners))
+
+
+def draw_from(seed: int) -> Draw:
+    """Random numbers by name, where no experiment gives them."""
+
+    def draw(*names: str) -> np.random.Generator:
+        return np.random.default_rng([seed, *"/".join(names).encode()])
+
+    return draw
+
+
+def _cases(runners: Sequence[Runner], parameters: RolloutParameters, starts: Sequence[Trajectory]) -> Iterator[_Case]:
+    """All cases, in order."""
     for runner in runners:
-        undisturbed = [_run(field, runner.coupling, start, parameters) for start in starts]
         for condition in parameters.conditions:
-            for start, path in zip(starts, undisturbed, strict=True):
-                if condition.displacement is not None:
-                    sample = displacement_sample(condition, path.p_hat, path.dt)
-                    path = _run(field, runner.coupling, start, parameters, sample, condition.displacement)
-                demo = f"{start.dataset}/{start.demo}" if several else start.demo
-                rollouts.append(
-                    _rollout(f"{runner.label}/{condition.name}/{demo}", runner, condition, start, path, model)
-                )
-                if progress is not None:
-                    progress(len(rollouts), total)
-    return rollouts
+            count = condition.scenes.count if condition.scenes is not None else 1
+            for location, method in methods_of(condition, parameters):
+                for start in starts:
+                    for number in range(count):
+                        yield _Case(
+                            runner=runner,
+                            condition=condition,
+                            method=method,
+                            location=location,
+                            start=start,
+                            number=number,
+                        )
 
 
-def _rollout(name: str, runner: Runner, condition: Condition, start: Trajectory, path: _Path, model: LpvDs) -> Rollout:
+@dataclass(frozen=True, kw_only=True)
+class _Names:
+    """How roll-outs are named: with their data set where there are several."""
+
+    several: bool
+
+    def of(self, case: _Case) -> str:
+        """Unique among the cases of a stage."""
+        among = bool(case.condition.obstacles) or case.condition.scenes is not None
+        demo = f"{case.start.dataset}/{case.start.demo}" if self.several else case.start.demo
+        parts = [case.runner.label, *([method_name(case.method)] if among else []), case.condition.name, demo]
+        if case.condition.scenes is not None and case.condition.scenes.count > 1:
+            parts.append(str(case.number))
+        return "/".join(parts)
+
+
+def _rollout(name: str, case: _Case, scene: Scene | None, path: Path, model: LpvDs) -> Rollout:
     return Rollout(
         rollout=name,
-        controller=runner.kind,
-        mode=runner.mode,
-        condition=condition.name,
-        dataset=start.dataset,
-        demo=start.demo,
-        split=start.split,
+        controller=case.runner.kind,
+        mode=case.runner.mode,
+        avoidance="none" if scene is None else method_name(case.method),
+        condition=case.condition.name,
+        dataset=case.start.dataset,
+        demo=case.start.demo,
+        split=case.start.split,
+        scene="" if scene is None else scene.name,
         time=frozen(np.arange(path.x.shape[0]) * path.dt),
         x=path.x,
         p_hat=path.p_hat,
         gate=path.gate,
         lyapunov=frozen(model.lyapunov(path.x)),
-        displaced=path.displaced,
+        clearance=path.clearance,
+        status=path.status,
+        disturbed=path.disturbed,
+        missed=path.missed,
         outcome=path.outcome,
     )
-
-
-def _run(
-    field: Field,
-    coupling: Coupling,
-    start: Trajectory,
-    parameters: RolloutParameters,
-    displaced: int = NEVER,
-    displacement: tuple[float, ...] | None = None,
-) -> _Path:
-    dt = start.step if parameters.dt is None else parameters.dt
-    steps = step_limit(parameters.max_duration, start.duration, dt)
-    x, p_hat = np.empty((steps + 1, start.dimension)), np.empty((steps + 1, start.dimension))
-    gate = np.empty(steps + 1, dtype=np.bool_)
-    push = frozen(np.zeros(start.dimension) if displacement is None else displacement)
-    displaced = min(displaced, steps + 1)
-    count, code = roll(
-        coupling, field, start.position[0], dt, displaced, push, parameters.stop_distance, x, p_hat, gate
-    )
-    gate = gate[:count].copy()
-    gate.flags.writeable = False
-    return _Path(
-        dt=dt,
-        x=frozen(x[:count]),
-        p_hat=frozen(p_hat[:count]),
-        gate=gate,
-        displaced=displaced if displaced < count else NEVER,
-        outcome=_OUTCOMES[code],
-    )
-
-
-@compiled
-def roll(
-    coupling: Coupling,
-    field: Field,
-    start: Array,
-    dt: float,
-    displaced: int,
-    displacement: Array,
-    stop_distance: float,
-    x_log: Array,
-    p_hat_log: Array,
-    gate_log: NDArray[np.bool_],
-) -> tuple[int, int]:
-    """Step policy and kinematic world until x and p_hat are at the goal or the logs are full.
-
-    Args:
-        coupling: how p_hat follows x, or that nothing is coupled.
-        field: the learned system.
-        start: array, shape (d,), metres.
-        dt: seconds.
-        displaced: sample at which `displacement`, array, shape (d,), metres, is added to the executed state; -1: never.
-        stop_distance: metres.
-        x_log, p_hat_log: arrays, shape (n, d), metres. Will be modified.
-        gate_log: array of bool, shape (n,). Will be modified.
-
-    Returns:
-        Number of samples recorded, and the outcome as an index.
-    """
-    d, goal = start.shape[0], field.model.goal
-    x, executed, commanded = start.copy(), start.copy(), np.empty(d)
-    work = workspace(field)
-    reach = distance(start, goal) + distance(displacement, np.zeros(d))
-    far = FAR * max(reach, stop_distance)
-    is_open = True
-    for i in range(x_log.shape[0]):
-        if i == displaced:
-            displace(executed, displacement)
-        is_open = observe(coupling, x, executed, is_open)
-        x_away, executed_away = distance(x, goal), distance(executed, goal)
-        if i > 0 and not (x_away < np.inf and executed_away < np.inf):  # nan or inf is not recorded
-            return i, _DIVERGED
-        for j in range(d):
-            x_log[i, j], p_hat_log[i, j] = x[j], executed[j]
-        gate_log[i] = is_open
-        if x_away <= stop_distance and executed_away <= stop_distance:
-            return i + 1, _ARRIVED
-        if x_away > far or executed_away > far:
-            return i + 1, _DIVERGED
-        for j in range(d):
-            commanded[j] = executed[j]
-        act(coupling, field, x, commanded, is_open, dt, work)
-        carry_out(executed, commanded)
-    return x_log.shape[0], _TIMEOUT
