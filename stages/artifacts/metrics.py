@@ -10,7 +10,7 @@ from stages.artifacts.parquet import Column, Schema, records, write
 
 SCHEMA = Schema(
     name="metrics",
-    version=3,
+    version=4,
     columns=(
         Column(name="dataset", type="text"),
         Column(name="dynamics", type="text"),
@@ -31,10 +31,17 @@ SCHEMA = Schema(
         Column(name="duration_s", unit="s"),
         Column(name="final_error_mm", unit="mm"),
         Column(name="lyapunov_rise_max", unit="m2"),
+        Column(name="energy_rise_max", unit="m2"),
         Column(name="clearance_min_mm", unit="mm"),
+        Column(name="avoiding_steps", type="int"),
+        Column(name="detour_steps", type="int"),
+        Column(name="yielding_steps", type="int"),
+        Column(name="flagged_steps", type="int"),
         Column(name="gate_closed_steps", type="int"),
         Column(name="recovery_s", unit="s"),
         Column(name="displaced_step", type="int"),
+        Column(name="scene", type="text"),
+        Column(name="traps", type="int"),
     ),
 )
 

@@ -50,6 +50,17 @@ class Schema:
     columns: tuple[Column, ...]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coded:
+    """Labels of many rows: codes, array of int, shape (n,), and the name of each code."""
+
+    codes: NDArray[Any]
+    names: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+
 def vectors(prefix: str, unit: str, axes: str = "xyz") -> tuple[Column, ...]:
     """Columns ``<prefix>x``, ``<prefix>y``, ``<prefix>z``."""
     return tuple(Column(name=f"{prefix}{axis}", unit=unit) for axis in axes)
@@ -59,7 +70,8 @@ def write(path: Path, schema: Schema, columns: Mapping[str, Any], metadata: Mapp
     """Write a table; columns that are not given, or are None, are all null.
 
     Arguments:
-        columns: name -> array, shape (n,), or sequence; nan in a float column is kept as nan.
+        columns: name -> array, shape (n,), or sequence; nan in a float column is kept as nan, infinity becomes null.
+            Of a label also `Coded`.
         metadata: plain values, kept as JSON.
     """
     rows = len(next(values for values in columns.values() if values is not None))
@@ -122,10 +134,13 @@ def _read(path: Path) -> pa.Table:
 
 
 def _array(values: Any, kind: pa.DataType) -> pa.Array:
+    if isinstance(values, Coded):
+        return pa.DictionaryArray.from_arrays(pa.array(values.codes, pa.int32()), pa.array(values.names, pa.string()))
     if pa.types.is_dictionary(kind):
         return pa.array(values, pa.string()).dictionary_encode().cast(kind)
     if isinstance(values, np.ndarray):
-        return pa.array(np.ascontiguousarray(values), kind, from_pandas=False)
+        mask = np.isinf(values) if values.dtype.kind == "f" else None
+        return pa.array(np.ascontiguousarray(values), kind, from_pandas=False, mask=mask)
     return pa.array(values, kind)
 
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.artifacts.parquet import Column, Schema, header, read, vectors, write
+from stages.artifacts.parquet import Coded, Column, Schema, header, read, vectors, write
+from stages.policy.avoidance.shapes import BOX, ELLIPSOID, RADIUS, REACH, SIZES, SPHERE, Shapes, no_shapes
+from stages.policy.outcome import Status
 from stages.trajectory import Array, frozen
 
 SCHEMA = Schema(
     name="rollouts",
-    version=1,
+    version=2,
     columns=(
         Column(name="rollout", type="label"),
         Column(name="step", type="int"),
@@ -24,8 +26,29 @@ SCHEMA = Schema(
         *vectors("p_hat_", "m"),
         Column(name="gate", type="bool"),
         Column(name="lyapunov", unit="m2"),
+        Column(name="clearance", unit="m"),
+        Column(name="status", type="label"),
     ),
 )
+
+KINDS = {SPHERE: "sphere", BOX: "box", ELLIPSOID: "ellipsoid"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedScene:
+    """Obstacles of one or more cases.
+
+    Attributes:
+        name: as roll-outs name it.
+        shapes: the obstacles, at the start.
+        traps: array, shape (n, d), metres: minima of V on them; none: not looked for.
+        complete: whether these are all.
+    """
+
+    name: str
+    shapes: Shapes
+    traps: Array | None
+    complete: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,12 +60,15 @@ class RecordedRollout:
         controller, mode, avoidance, condition: of the case.
         dataset, demo, split: of the demonstration from whose first point it starts.
         outcome: how it ended.
-        displaced: sample that holds the imposed displacement; -1: none.
+        scene: name of its scene; "": there are no obstacles.
+        disturbed: first and last samples of spans in which disturbances acted.
         time: array, shape (n,), seconds.
         x: array, shape (n, d), metres: the state of the learned system.
         p_hat: array, shape (n, d), metres: the executed state.
         gate: array, shape (n,), whether x may move from this sample.
         lyapunov: array, shape (n,), V of x, m^2.
+        clearance: array, shape (n,), metres: least distance from any obstacle since the sample before; nan: none.
+        status: array of text, shape (n,): what became of the step that follows.
     """
 
     rollout: str
@@ -54,12 +80,20 @@ class RecordedRollout:
     demo: str
     split: str
     outcome: str
-    displaced: int
+    scene: str
+    disturbed: tuple[tuple[int, int], ...]
     time: Array
     x: Array
     p_hat: Array
     gate: NDArray[np.bool_]
     lyapunov: Array
+    clearance: Array
+    status: NDArray[Any]
+
+    @property
+    def displaced(self) -> int:
+        """First sample that a disturbance has moved; -1: there is none."""
+        return self.disturbed[0][0] if self.disturbed else -1
 
     @property
     def label(self) -> str:
@@ -67,26 +101,44 @@ class RecordedRollout:
         return self.controller if self.controller == "lpvds" else f"{self.controller} {self.mode}"
 
 
-CASE = ("rollout", "controller", "mode", "avoidance", "condition", "dataset", "demo", "split", "outcome", "displaced")
+CASE = ("rollout", "controller", "mode", "avoidance", "condition", "dataset", "demo", "split", "outcome", "scene")
 
 
-def write_rollouts(path: Path, rollouts: Sequence[Any], goal: Array, details: Mapping[str, Any]) -> None:
-    """Write roll-outs in order; each has the attributes of `RecordedRollout`. `goal`: array, shape (d,), metres."""
-    d = goal.shape[0]
+def write_rollouts(
+    path: Path, rollouts: Sequence[Any], scenes: Sequence[Any], goal: Array, details: Mapping[str, Any]
+) -> None:
+    """Write roll-outs in order; each has the attributes of `RecordedRollout`, its status as codes.
+
+    Arguments:
+        scenes: with the attributes of `RecordedScene`.
+        goal: array, shape (d,), metres.
+        details: plain values, kept beside the rows.
+    """
+    d, lengths = goal.shape[0], [r.time.shape[0] for r in rollouts]
     x = np.concatenate([r.x for r in rollouts])
     p_hat = np.concatenate([r.p_hat for r in rollouts])
     columns: dict[str, Any] = {
-        "rollout": [name for r in rollouts for name in [r.rollout] * r.time.shape[0]],
-        "step": np.concatenate([np.arange(r.time.shape[0]) for r in rollouts]),
+        "rollout": Coded(codes=np.repeat(np.arange(len(rollouts)), lengths), names=[r.rollout for r in rollouts]),
+        "step": np.concatenate([np.arange(length) for length in lengths]),
         "t": np.concatenate([r.time for r in rollouts]),
         "gate": np.concatenate([r.gate for r in rollouts]),
         "lyapunov": np.concatenate([r.lyapunov for r in rollouts]),
+        "clearance": np.concatenate([r.clearance for r in rollouts]),
+        "status": Coded(codes=np.concatenate([r.status for r in rollouts]), names=[str(s) for s in Status]),
     }
     for index, axis in enumerate("xyz"[:d]):
         columns[f"x_{axis}"] = x[:, index]
         columns[f"p_hat_{axis}"] = p_hat[:, index]
-    cases = [{**{name: _plain(getattr(r, name)) for name in CASE}, "samples": int(r.time.shape[0])} for r in rollouts]
-    write(path, SCHEMA, columns, {"goal": [float(value) for value in goal], "cases": cases, **details})
+    cases = [
+        {
+            **{name: str(getattr(r, name)) for name in CASE},
+            "disturbed": [list(span) for span in r.disturbed],
+            "samples": length,
+        }
+        for r, length in zip(rollouts, lengths, strict=True)
+    ]
+    metadata = {"goal": goal.tolist(), "cases": cases, "scenes": [_scene(scene) for scene in scenes], **details}
+    write(path, SCHEMA, columns, metadata)
 
 
 def read_rollouts(path: Path) -> tuple[list[RecordedRollout], Array]:
@@ -103,20 +155,63 @@ def read_rollouts(path: Path) -> tuple[list[RecordedRollout], Array]:
         rollouts.append(
             RecordedRollout(
                 **{name: case[name] for name in CASE},
+                disturbed=tuple((int(begin), int(end)) for begin, end in case["disturbed"]),
                 time=frozen(columns["t"][part]),
                 x=frozen(x[part]),
                 p_hat=frozen(p_hat[part]),
                 gate=columns["gate"][part],
                 lyapunov=frozen(columns["lyapunov"][part]),
+                clearance=frozen(columns["clearance"][part]),
+                status=columns["status"][part],
             )
         )
     return rollouts, goal
 
 
+def read_scenes(path: Path) -> dict[str, RecordedScene]:
+    """Scenes by name, in order."""
+    details = header(path)
+    d = len(details["goal"])
+    return {
+        scene["name"]: RecordedScene(
+            name=scene["name"],
+            shapes=_shapes(scene["obstacles"], d),
+            traps=None if scene["traps"] is None else frozen(np.array(scene["traps"]).reshape(-1, d)),
+            complete=scene["complete"],
+        )
+        for scene in details["scenes"]
+    }
+
+
 def read_details(path: Path) -> dict[str, Any]:
-    """What a roll-out table says beside its rows: goal, cases, resolved controllers."""
+    """What a roll-out table says beside its rows: goal, cases, scenes, resolved controllers."""
     return header(path)
 
 
-def _plain(value: Any) -> Any:
-    return int(value) if isinstance(value, int | np.integer) else str(value)
+def _scene(scene: Any) -> dict[str, Any]:
+    shapes: Shapes = scene.shapes
+    obstacles = [
+        {
+            "kind": KINDS[int(shapes.kinds[k])],
+            "centre": shapes.centres[k].tolist(),
+            "velocity": shapes.velocities[k].tolist(),
+            "radius": float(shapes.measures[k, RADIUS]),
+            "reach": float(shapes.measures[k, REACH]),
+            "sizes": shapes.measures[k, SIZES:].tolist(),
+            "frame": shapes.frames[k].tolist(),
+        }
+        for k in range(shapes.number)
+    ]
+    traps = None if scene.traps is None else scene.traps.tolist()
+    return {"name": scene.name, "obstacles": obstacles, "traps": traps, "complete": bool(scene.complete)}
+
+
+def _shapes(obstacles: Sequence[Mapping[str, Any]], d: int) -> Shapes:
+    kinds = {name: kind for kind, name in KINDS.items()}
+    shapes = no_shapes(d, len(obstacles))
+    for k, obstacle in enumerate(obstacles):
+        shapes.kinds[k] = kinds[obstacle["kind"]]
+        shapes.centres[k], shapes.velocities[k] = obstacle["centre"], obstacle["velocity"]
+        shapes.measures[k] = [obstacle["radius"], obstacle["reach"], *obstacle["sizes"]]
+        shapes.frames[k] = obstacle["frame"]
+    return shapes

@@ -7,13 +7,16 @@ never leaves its path, and measuring it would flatter the method. Not here: how 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.evaluate.dtwd import swept_error_area
 from stages.paths import dynamic_time_warping, resample_arc, resample_time
+from stages.policy.outcome import Status
 from stages.trajectory import Array, Trajectory
 
 MM = 1e3
@@ -21,6 +24,13 @@ MM = 1e3
 
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """A rise of V by at most this fraction of V is what rounding explains, and counts as none."""
+
+
+DETOUR, YIELD, MISSED = (Status.DETOURING,), (Status.YIELDING,), (Status.INFEASIBLE, Status.TOO_FAST)
+"""Steps on which V may rise, and steps on which clearance is not kept."""
+
+Spans = Sequence[tuple[int, int]]
+"""First and last samples of disturbances."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +46,18 @@ class Comparison:
         steps: of the roll-out.
         duration_s: of the roll-out, seconds.
         final_error_mm: distance of the executed state's last sample from the goal, mm.
-        lyapunov_rise_max: largest rise of V along x in one step, m^2, the step of an imposed displacement excepted;
-            0 if V never rose by more than rounding explains (`ROUNDING`).
-        clearance_min_mm: smallest distance from an obstacle; none: there was none.
+        lyapunov_rise_max: largest rise of V along x in one step, m^2, the steps of a disturbance excepted; 0 if V never
+            rose by more than rounding explains (`ROUNDING`).
+        energy_rise_max: the same of eq. (24), V + |p_hat - x|^2.
+        clearance_min_mm: smallest distance of the executed state from an obstacle, between samples too, mm; none: there
+            was none.
+        avoiding_steps: steps that obstacles changed.
+        detour_steps: steps on a way out of a trap, on which V may rise.
+        yielding_steps: steps that gave way to a moving obstacle, on which V may rise.
+        flagged_steps: steps on which no velocity kept clear of all obstacles.
         gate_closed_steps: steps in which x waited.
-        recovery_s: from the displacement until x moved again, seconds; none: it did not wait, or waited to the end.
+        recovery_s: longest time from the end of a disturbance until x moved again, seconds; none: it did not wait, or
+            waited to the end.
     """
 
     outcome: str
@@ -52,7 +69,12 @@ class Comparison:
     duration_s: float
     final_error_mm: float
     lyapunov_rise_max: float
+    energy_rise_max: float
     clearance_min_mm: float | None
+    avoiding_steps: int
+    detour_steps: int
+    yielding_steps: int
+    flagged_steps: int
     gate_closed_steps: int
     recovery_s: float | None
 
@@ -60,10 +82,13 @@ class Comparison:
 def compare(
     *,
     time: Array,
+    x: Array,
     executed: Array,
     gate: NDArray[np.bool_],
     lyapunov: Array,
-    displaced: int,
+    clearance: Array,
+    status: NDArray[Any],
+    disturbed: Spans,
     outcome: str,
     reference: Trajectory,
     goal: Array,
@@ -77,10 +102,13 @@ def compare(
 
     Args:
         time: array, shape (n,), seconds.
+        x: array, shape (n, d), metres: the state of the learned system.
         executed: array, shape (n, d), metres.
         gate: array of bool, shape (n,): x moves in the step that follows the sample.
         lyapunov: array, shape (n,), V of x, m^2.
-        displaced: sample at which the displacement had been added; -1: never.
+        clearance: array, shape (n,), metres: least distance from an obstacle since the sample before; nan: none.
+        status: array of text, shape (n,): what became of the step that follows the sample.
+        disturbed: first and last samples of disturbances.
         outcome: how the roll-out ended.
         reference: the demonstration.
         goal: array, shape (d,), metres.
@@ -93,6 +121,8 @@ def compare(
         resample_time(time, executed, samples), resample_time(reference.time, reference.position, samples)
     )
     swept = swept_error_area(resample_arc(reference.position, samples), resample_arc(executed, samples))
+    energy = lyapunov + ((executed - x) ** 2).sum(axis=1)
+    clear, steps = clearance[~np.isnan(clearance)], status[:-1]
     return Comparison(
         outcome=str(outcome),
         dtw_mm=warped * MM,
@@ -102,31 +132,47 @@ def compare(
         steps=time.shape[0] - 1,
         duration_s=float(time[-1] - time[0]),
         final_error_mm=float(np.linalg.norm(executed[-1] - goal)) * MM,
-        lyapunov_rise_max=largest_rise(lyapunov, displaced),
-        clearance_min_mm=None,
+        lyapunov_rise_max=largest_rise(lyapunov, disturbed),
+        energy_rise_max=largest_rise(energy, disturbed),
+        clearance_min_mm=float(clear.min()) * MM if clear.size else None,
+        avoiding_steps=int(np.count_nonzero(steps != Status.FREE)),
+        detour_steps=_count(steps, DETOUR),
+        yielding_steps=_count(steps, YIELD),
+        flagged_steps=_count(steps, MISSED),
         gate_closed_steps=int(np.count_nonzero(~gate[:-1])),
-        recovery_s=recovery_time(time, gate, displaced),
+        recovery_s=recovery_time(time, gate, disturbed),
     )
 
 
-def largest_rise(lyapunov: Array, displaced: int) -> float:
-    """Largest rise of an array V, shape (n,), m^2, in one step, the one that ends at sample `displaced` excepted; or 0.
+def _count(steps: NDArray[Any], names: Sequence[Status]) -> int:
+    return int(np.isin(steps, [str(name) for name in names]).sum())
 
-    A rise of at most 16 machine epsilons of V is what rounding explains and counts as 0.
+
+def largest_rise(energy: Array, disturbed: Spans) -> float:
+    """Largest rise of an array, shape (n,), m^2, in one step, those that end in a span of a disturbance excepted; or 0.
+
+    A rise of at most 16 machine epsilons of it is what rounding explains and counts as 0.
     """
-    rises = np.diff(lyapunov)
-    rises[rises <= ROUNDING * lyapunov[:-1]] = 0.0
-    if displaced > 0:
-        rises[displaced - 1] = 0.0
+    rises = np.diff(energy)
+    rises[rises <= ROUNDING * energy[:-1]] = 0.0
+    for first, last in disturbed:
+        rises[max(first - 1, 0) : last] = 0.0
     return float(rises.max(initial=0.0))
 
 
-def recovery_time(time: Array, gate: NDArray[np.bool_], displaced: int) -> float | None:
-    """Seconds from the displacement until the gate opens again; none: it did not close on it, or never opened again.
+def recovery_time(time: Array, gate: NDArray[np.bool_], disturbed: Spans) -> float | None:
+    """Longest time from the end of a disturbance until the gate opens again, seconds.
 
-    `time`: array, shape (n,), seconds. `gate`: array of bool, shape (n,). `displaced`: a sample, or -1.
+    None: it did not close on any, or never opened again. `time`: array, shape (n,), seconds. `gate`: array of bool,
+    shape (n,). `disturbed`: first and last samples of disturbances.
     """
-    if displaced < 0 or gate[displaced]:
-        return None
-    reopened = np.flatnonzero(gate[displaced:])
-    return float(time[displaced + reopened[0]] - time[displaced]) if reopened.size else None
+    longest = None
+    for _, last in disturbed:
+        if gate[last]:
+            continue
+        reopened = np.flatnonzero(gate[last:])
+        if not reopened.size:
+            return None
+        waited = float(time[last + reopened[0]] - time[last])
+        longest = waited if longest is None else max(longest, waited)
+    return longest

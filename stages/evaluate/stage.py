@@ -16,22 +16,26 @@ def run(context: StageContext) -> None:
     from stages.artifacts.dynamics import read_details, read_dynamics
     from stages.artifacts.metrics import write_metrics
     from stages.artifacts.midpoints import read_midpoints
-    from stages.artifacts.rollouts import read_rollouts
+    from stages.artifacts.rollouts import read_rollouts, read_scenes
     from stages.dynamics.lpvds import velocity_error
     from stages.evaluate.compare import MM, compare
 
     references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
     rollouts, goal = read_rollouts(context.inputs["rollouts"])
+    scenes = read_scenes(context.inputs["rollouts"])
     model, kind = read_dynamics(context.inputs["dynamics"]), read_details(context.inputs["dynamics"])["kind"]
     errors = {name: velocity_error(model, [reference]) * MM for name, reference in references.items()}
     rows = []
     for rollout in rollouts:
         compared = compare(
             time=rollout.time,
+            x=rollout.x,
             executed=rollout.p_hat,
             gate=rollout.gate,
             lyapunov=rollout.lyapunov,
-            displaced=rollout.displaced,
+            clearance=rollout.clearance,
+            status=rollout.status,
+            disturbed=rollout.disturbed,
             outcome=rollout.outcome,
             reference=references[rollout.dataset, rollout.demo],
             goal=goal,
@@ -39,8 +43,12 @@ def run(context: StageContext) -> None:
         )
         names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout")
         displaced = {"displaced_step": rollout.displaced if rollout.displaced >= 0 else None}
+        traps = scenes[rollout.scene].traps if rollout.scene else None
+        scene = {"scene": rollout.scene or None, "traps": None if traps is None else traps.shape[0]}
         field = {"dynamics": kind, "velocity_rmse_mm_s": errors[rollout.dataset, rollout.demo]}
-        rows.append({**{name: getattr(rollout, name) for name in names}, **field, **asdict(compared), **displaced})
+        rows.append(
+            {**{name: getattr(rollout, name) for name in names}, **field, **asdict(compared), **displaced, **scene}
+        )
     write_metrics(context.outputs["metrics"], rows)
 
 
@@ -52,18 +60,24 @@ def rows(outputs: Mapping[str, Path]) -> list[dict[str, Any]]:
 
 
 def summarise(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means by kind of dynamics, controller, mode and condition."""
+    """Means by kind of dynamics, controller, mode, method of avoidance and condition."""
     from stages.evaluate.summary import by_condition
 
     return by_condition(rows)
 
 
+ALONE = ("dtw_mm", "sea_mm2", "sea_per_step_mm2", "steps", "final_error_mm", "arrived")
+AMONG = ("dtw_mm", "steps", "arrived", "collided")
+"""Figures of a group of roll-outs, without and among obstacles."""
+
+
 def headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
-    """Means by controller, mode and condition, under one name each."""
+    """Means by controller, mode, method of avoidance and condition, under one name each."""
     figures = {}
     for group in summarise(rows(outputs)):
-        case = f"{group['controller']}/{group['mode']}/{group['condition']}"
-        for name in ("dtw_mm", "sea_mm2", "sea_per_step_mm2", "steps", "final_error_mm", "arrived"):
+        method = f"/{group['avoidance']}" if group["avoidance"] != "none" else ""
+        case = f"{group['controller']}/{group['mode']}{method}/{group['condition']}"
+        for name in AMONG if method else ALONE:
             figures[f"{name} {case}"] = group[name]
     return figures
 

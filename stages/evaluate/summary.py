@@ -18,6 +18,9 @@ MEANS = (
     "final_error_mm",
 )
 
+COLLISIONS = ("collided", "infeasible", "too-fast")
+"""Outcomes in which the executed state touched an obstacle."""
+
 
 def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """One row for each kind of dynamics, controller, mode, avoidance and condition, in the order in which they appear.
@@ -35,7 +38,13 @@ def by_condition(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "rollouts": len(members),
                 "arrived": sum(row["outcome"] == "arrived" for row in members),
                 **{name: mean(row[name] for row in members) for name in MEANS},
+                "collided": sum(row["outcome"] in COLLISIONS for row in members),
+                "trapped": sum(row["outcome"] == "trapped" for row in members),
                 "lyapunov_rise_max": max(row["lyapunov_rise_max"] for row in members),
+                "energy_rise_max": max(row["energy_rise_max"] for row in members),
+                "clearance_min_mm": min(
+                    (row["clearance_min_mm"] for row in members if row["clearance_min_mm"] is not None), default=None
+                ),
                 "gate_never_closed": sum(row["gate_closed_steps"] == 0 for row in displaced) if displaced else None,
                 "recovery_s": mean(row["recovery_s"] for row in members),
             }

@@ -6,12 +6,14 @@ Only what applies is listed. Parameters in, text out; marked as `pipeline.report
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from stages.figures.avoidance_deviations import avoidance
+from stages.figures.conditions import when
+from stages.figures.deviation import X_DOT, Deviation, Resolved
 from stages.figures.numbers import MINUS, MM, given, joined, span
-from stages.policy.coupled import SPEED_ALLOWANCE, gate_for
-from stages.rollout.parameters import ClpvdsController, RolloutParameters
+from stages.policy.coupling import SPEED_ALLOWANCE, gate_for
+from stages.rollout.parameters import ClpvdsController, Displacement, RolloutParameters
 
 PAPER_P_MAX = 10.0
 """1/s, for eq. (10). Paper section III-B."""
@@ -22,30 +24,7 @@ PAPER_K_C = 100.0
 PAPER_SPLIT = 3
 """Demonstrations for training, of seven. Paper section III-A: "divided in a 3:4 ratio"."""
 
-P_HAT, X_DOT = "p\u0302", "x\u0307"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Deviation:
-    """One row: where in the paper, what is printed, what runs here, why."""
-
-    where: str
-    printed: str
-    here: str
-    why: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Resolved:
-    """What one motion made of the parameters of its controllers.
-
-    Attributes:
-        top_speed: of the demonstrations, m/s.
-        couplings: label of each coupled controller -> `p_max` (1/s), `k_c` (1/m), `gate` (m), `v_max` (m/s).
-    """
-
-    top_speed: float
-    couplings: Mapping[str, Mapping[str, float]]
+P_HAT = "p\u0302"
 
 
 def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> list[Deviation]:
@@ -61,6 +40,7 @@ def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> l
         *_dynamics(parameters["dynamics"]),
         *_coupling(parameters["rollout"], resolved),
         *_disturbances(parameters["rollout"]),
+        *avoidance(parameters["rollout"]),
         *_data(parameters["ingest"]),
         *_metrics(parameters["evaluate"]),
     ]
@@ -276,21 +256,17 @@ def _integrator(rollout: RolloutParameters, dynamics: Any) -> list[Deviation]:
 
 
 def _disturbances(rollout: RolloutParameters) -> list[Deviation]:
-    pushed = [condition for condition in rollout.conditions if condition.displacement is not None]
-    if not pushed:
+    disturbances = [one for condition in rollout.conditions for one in condition.disturbances]
+    if not disturbances:
         return []
-    when = []
-    for condition in pushed:
-        if condition.at_time is not None:
-            when.append(f"{given(condition.at_time)} s after the start")
-        else:
-            fraction = 0.5 if condition.at_fraction is None else condition.at_fraction
-            when.append(f"at {given(fraction)} of the arc length of the controller's own undisturbed path")
+    once = all(isinstance(one, Displacement) for one in disturbances)
+    how = "Added once to the executed state" if once else "The executed state is displaced, dragged or shaken"
+    times = joined(list(dict.fromkeys(when(one) for one in disturbances)))
     return [
         Deviation(
             where="Figs 2, 3",
             printed="Disturbances at the midpoint of the path",
-            here=f"Added once to the executed state, {joined(list(dict.fromkeys(when)))}.",
+            here=f"{how}, {times}.",
             why="Which path, and where its middle is, is not printed.",
         )
     ]

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.report import Key
 from stages.figures.numbers import MM
 from stages.figures.style import colour, drawing, limits, panel_width, svg
+from stages.policy.avoidance.shapes import BOX, ELLIPSOID, RADIUS, SIZES, Shapes
 from stages.trajectory import Array
 
 if TYPE_CHECKING:
@@ -54,6 +56,8 @@ class Scene:
         velocity: of states, arrays, shape (n, d), m -> m/s.
         lyapunov: V of states, arrays, shape (n, d), m -> (n,), m^2; none: its level lines are not drawn.
         names: of the coordinates.
+        obstacles: where they are at the start; none: there are none.
+        traps: array, shape (n, d): minima of V on obstacles; none: not shown.
     """
 
     train: Sequence[Array]
@@ -64,6 +68,8 @@ class Scene:
     velocity: Callable[[Array], Array]
     lyapunov: Callable[[Array], Array] | None = None
     names: Sequence[str] = "xyz"
+    obstacles: Shapes | None = None
+    traps: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,11 +80,17 @@ class Path:
         x: array, shape (n, d), the state of the learned system; none: it is the executed one.
         executed: array, shape (n, d).
         displaced: sample that holds the displacement; -1: none.
+        stopped: whether it ended short of the goal: its end is crossed.
+        detour: array of bool, shape (n,): samples on a way out of a trap; none: there are none.
+        duration: seconds, for which moving obstacles are shown to move.
     """
 
     x: Array | None
     executed: Array
     displaced: int
+    stopped: bool = False
+    detour: NDArray[np.bool_] | None = None
+    duration: float = 0.0
 
 
 def legend(scene: Scene, paths: Sequence[Path]) -> tuple[Key, ...]:
@@ -88,11 +100,20 @@ def legend(scene: Scene, paths: Sequence[Path]) -> tuple[Key, ...]:
         keys.append(Key(label="state x of a coupled system: wide band", colour="muted", mark="area"))
     if any(path.displaced > 0 for path in paths):
         keys.append(Key(label="displacement", colour="ink", mark="arrow"))
+    if scene.obstacles is not None:
+        keys.append(Key(label="obstacles", colour="muted", mark="area"))
+        if any(path.stopped for path in paths):
+            keys.append(Key(label="end short of the goal", colour="ink", mark="cross"))
+    if scene.traps is not None and scene.traps.size:
+        keys.append(Key(label="traps: minima of V on obstacles", colour="series-1", mark="dot"))
+    if any(path.detour is not None and path.detour.any() for path in paths):
+        keys.append(Key(label="detour, on which V rises", colour="series-1"))
     if scene.train:
         keys.append(Key(label="demonstrations, training", colour="ink"))
     if scene.test:
         keys.append(Key(label="demonstrations, test", colour="ink", mark="dashed"))
-    keys.append(Key(label="mixture components, 1 and 2 standard deviations", colour="series-4", mark="area"))
+    if len(scene.means):
+        keys.append(Key(label="mixture components, 1 and 2 standard deviations", colour="series-4", mark="area"))
     if scene.goal.shape[0] == PLANAR:
         keys.append(Key(label="flow of the learned system", colour="faint"))
         if scene.lyapunov is not None:
@@ -119,7 +140,8 @@ def frame(
     `panels`: the paths of each.
     """
     shown = list(plane)
-    known = np.concatenate([*scene.train, *scene.test, scene.goal[None]])[:, shown]
+    obstacles = [] if scene.obstacles is None else [scene.obstacles.centres]
+    known = np.concatenate([*scene.train, *scene.test, scene.goal[None], *obstacles])[:, shown]
     low, high = known.min(axis=0), known.max(axis=0)
     reach = FAR * float((high - low).max())
     paths = [path.executed[:, shown].clip(low - reach, high + reach) for panel in panels for path in panel]
@@ -150,8 +172,14 @@ def flow_panel(
         if scene.goal.shape[0] == PLANAR:
             _draw_flow(axes, scene, extent)
         _draw_scene(axes, scene, plane)
+        if scene.obstacles is not None:
+            _draw_obstacles(axes, scene.obstacles, plane, max((path.duration for path in paths), default=0.0))
         for path in paths:
             _draw_path(axes, path, plane, colour(series))
+        if scene.traps is not None:
+            axes.plot(
+                *(scene.traps[:, list(plane)].T * MM), "o", ms=7, color=colour("series-1"), mec=colour("ink"), zorder=9
+            )
         axes.plot(*(scene.goal[list(plane)] * MM), "*", ms=13, color=colour("ink"), mec=colour("surface"), zorder=9)
         axes.set(xlim=(x0 * MM, x1 * MM), ylim=(y0 * MM, y1 * MM), aspect="equal", title=title)
         axes.set_xlabel(f"{scene.names[plane[0]]} [mm]")
@@ -203,6 +231,44 @@ def _draw_scene(axes: Axes, scene: Scene, shown: tuple[int, int]) -> None:
         axes.plot(*(demonstration[:, shown].T * MM), color=colour("ink"), lw=0.9, alpha=0.8, zorder=3)
 
 
+def outline(shapes: Shapes, index: int, plane: tuple[int, int], points: int = 120) -> Array:
+    """The outline of an obstacle seen along the other coordinates, array, shape (points, 2), metres.
+
+    The point farthest in each direction of the plane: of a convex shape these make its shadow's edge.
+    """
+    d = shapes.centres.shape[1]
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    directions = np.zeros((points, d))
+    directions[:, plane[0]], directions[:, plane[1]] = np.cos(angle), np.sin(angle)
+    frame, sizes = shapes.frames[index], shapes.measures[index, SIZES:]
+    local = directions @ frame
+    if shapes.kinds[index] == BOX:
+        local = np.sign(local) * sizes
+    elif shapes.kinds[index] == ELLIPSOID:
+        local = local * sizes**2 / np.linalg.norm(local * sizes, axis=1, keepdims=True)
+    else:
+        local = np.zeros_like(local)
+    farthest = shapes.centres[index] + local @ frame.T + shapes.measures[index, RADIUS] * directions
+    return np.asarray(farthest[:, list(plane)])
+
+
+def _draw_obstacles(axes: Axes, shapes: Shapes, plane: tuple[int, int], duration: float) -> None:
+    """Obstacles at the start; those that move with where they are at the end, and an arrow."""
+    shown = list(plane)
+    for index in range(shapes.number):
+        edge = outline(shapes, index, plane) * MM
+        axes.fill(*edge.T, fc=colour("muted"), ec=colour("ink"), lw=0.8, alpha=0.45, zorder=3.5)
+        way = shapes.velocities[index, shown] * duration * MM
+        if way.any():
+            axes.plot(*(edge + way).T, color=colour("muted"), lw=0.8, ls=(0, (4, 3)), zorder=3.5)
+            centre = shapes.centres[index, shown] * MM
+            arrow = {"arrowstyle": "-|>", "color": colour("muted"), "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
+            drawn = axes.annotate(
+                "", xy=tuple(centre + way), xytext=tuple(centre), arrowprops=arrow, annotation_clip=False, zorder=3.6
+            )
+            drawn.arrow_patch.set_clip_box(axes.bbox)
+
+
 def _draw_path(axes: Axes, path: Path, shown: tuple[int, int], line: str) -> None:
     """The executed path, broken where it is displaced, the state x beside it where they differ, the displacement."""
     executed = path.executed[:, shown] * MM
@@ -212,6 +278,11 @@ def _draw_path(axes: Axes, path: Path, shown: tuple[int, int], line: str) -> Non
     for part in parts:
         axes.plot(*part.T, color=line, lw=1.9, zorder=5)
     axes.plot(*executed[0], "o", ms=4, color=line, zorder=6)
+    if path.detour is not None and path.detour.any():
+        there = np.where(path.detour[:, None], executed, np.nan)
+        axes.plot(*there.T, color=colour("series-1"), lw=2.4, zorder=7)
+    if path.stopped:
+        axes.plot(*executed[-1], "X", ms=7, color=colour("ink"), mec=colour("surface"), mew=0.6, zorder=8)
     if path.displaced > 0:
         arrow = {
             "arrowstyle": "-|>",

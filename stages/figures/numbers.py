@@ -25,6 +25,21 @@ NAMES = {
 KINDS = {"qlf": "QLF", "pqlf": "P-QLF", "warped": "warped"}
 """What figures and tables call the kinds of dynamics, in their order."""
 
+METHODS = {
+    "none": "nothing",
+    "roas": "ROAS as printed",
+    "roas+": "ROAS+",
+    "apf": "APF",
+    "modulation": "modulation",
+    "cbf": "CBF-QP",
+}
+"""What figures and tables call methods of avoidance that have no name of their own."""
+
+
+def method_title(name: str) -> str:
+    """The name of a method of avoidance: its own, or that of its kind."""
+    return METHODS.get(name, name)
+
 
 def kind_name(kind: str) -> str:
     """The name of a kind of dynamics."""
@@ -82,6 +97,11 @@ def percent(ratio: float, *, sign: bool = False) -> str:
 def vector_mm(values: Sequence[float]) -> str:
     """A vector of metres in millimetres, as in ``[0, 20] mm``."""
     return "[" + ", ".join(given(round(value * MM, 9)) for value in values) + "]" + NO_BREAK + "mm"
+
+
+def counted(number: int, name: str) -> str:
+    """As in ``1 obstacle``, ``2 obstacles``."""
+    return f"{number} {name}{'' if number == 1 else 's'}"
 
 
 def joined(parts: Sequence[str]) -> str:

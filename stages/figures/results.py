@@ -22,10 +22,11 @@ from stages.artifacts import rollouts as rollouts_table
 from stages.artifacts.metrics import read_metrics
 from stages.artifacts.midpoints import Midpoints, read_midpoints
 from stages.artifacts.mixture import read_sampler
-from stages.artifacts.rollouts import RecordedRollout, read_rollouts
+from stages.artifacts.rollouts import RecordedRollout, RecordedScene, read_rollouts, read_scenes
 from stages.dynamics.lpvds import LpvDs
 from stages.dynamics.stage import STAGE as DYNAMICS
-from stages.figures.deviations import Resolved
+from stages.figures.conditions import among_obstacles
+from stages.figures.deviation import Resolved
 from stages.figures.numbers import KINDS
 from stages.rollout.parameters import Condition, RolloutParameters
 from stages.trajectory import Array
@@ -42,11 +43,13 @@ class PointResults:
         point: its parameters.
         files: artifact name -> file.
         records: stage -> action record.
+        among: whether the roll-outs and rows are those among obstacles, or those without; none: all.
     """
 
     point: Point
     files: Mapping[str, Path]
     records: Mapping[str, Mapping[str, Any]]
+    among: bool | None = None
 
     @property
     def name(self) -> str:
@@ -55,7 +58,10 @@ class PointResults:
         motion = getattr(ingest, "motion", None)
         if motion is None:
             return self.point.id if self.varied else str(ingest.dataset)
-        return str(motion) if self.varied <= {"ingest.motion"} else f"{motion}, {self.point.id}"
+        depth = getattr(ingest, "depth", "")
+        others = sorted(self.varied - {"ingest.motion", "ingest.depth"})
+        apart = [f"{name.rpartition('.')[2]} {self.point.overrides[name]}" for name in others]
+        return ", ".join([f"{motion}+{depth}" if depth else str(motion), *apart])
 
     @property
     def kind(self) -> str:
@@ -94,8 +100,14 @@ class PointResults:
 
     @cached_property
     def rollouts(self) -> tuple[RecordedRollout, ...]:
-        """All cases, with their paths."""
-        return tuple(read_rollouts(self.files["rollouts"])[0])
+        """The cases, with their paths."""
+        found = read_rollouts(self.files["rollouts"])[0]
+        return tuple(r for r in found if self.among is None or bool(r.scene) == self.among)
+
+    @cached_property
+    def scenes(self) -> dict[str, RecordedScene]:
+        """Scenes by name."""
+        return read_scenes(self.files["rollouts"])
 
     @cached_property
     def resolved(self) -> Resolved:
@@ -107,7 +119,8 @@ class PointResults:
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """Rows of metrics.parquet, each with its point."""
-        return [{"point": self.point.id, **row} for row in read_metrics(self.files["metrics"])]
+        found = [{"point": self.point.id, **row} for row in read_metrics(self.files["metrics"])]
+        return [row for row in found if self.among is None or bool(row["scene"]) == self.among]
 
     @cached_property
     def sampler(self) -> tuple[Array, NDArray[np.int64], dict[int, float]]:
@@ -155,6 +168,11 @@ class Results:
         """The points of a kind of dynamics."""
         return replace(self, points=tuple(point for point in self.points if point.kind == kind), kind=kind)
 
+    def part(self, *, among: bool) -> Results | None:
+        """The roll-outs among obstacles, or those without; none: there are none."""
+        points = tuple(replace(point, among=among) for point in self.points)
+        return replace(self, points=points) if any(point.rows for point in points) else None
+
     @property
     def is_sweep(self) -> bool:
         """Whether there is more than one point."""
@@ -180,7 +198,8 @@ class Results:
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """Conditions of the shown point."""
-        return self.shown.rollout_parameters.conditions
+        found, among = self.shown.rollout_parameters.conditions, self.shown.among
+        return tuple(c for c in found if among is None or among_obstacles(c) == among)
 
     @property
     def controllers(self) -> list[str]:
@@ -215,22 +234,3 @@ def label(row: Mapping[str, Any]) -> str:
     """The controller of a row or of a resolved controller, as `RecordedRollout.label` names it."""
     kind = row.get("controller") or row["kind"]
     return str(kind) if kind == "lpvds" else f"{kind} {row['mode']}"
-
-
-def largest_by_direction(conditions: tuple[Condition, ...], limit: int = 3) -> list[Condition]:
-    """Conditions that displace; of those in the same direction only the farthest. At most `limit`."""
-    import numpy as np
-
-    chosen: list[tuple[Condition, Array]] = []
-    for condition in conditions:
-        if condition.displacement is None or not any(condition.displacement):
-            continue
-        push = np.array(condition.displacement)
-        for index, (_, other) in enumerate(chosen):
-            if push @ other >= (1 - 1e-9) * np.linalg.norm(push) * np.linalg.norm(other):
-                if np.linalg.norm(push) > np.linalg.norm(other):
-                    chosen[index] = (condition, push)
-                break
-        else:
-            chosen.append((condition, push))
-    return [condition for condition, _ in chosen][:limit]

@@ -8,13 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.report import Block, Figure, Key, Panel, Section
-from stages.artifacts.rollouts import RecordedRollout
+from stages.artifacts.rollouts import RecordedRollout, RecordedScene
+from stages.figures.conditions import farthest, said
 from stages.figures.flow import Path, Scene, flow_panel, frame, legend, planes
-from stages.figures.numbers import MM, UNDISTURBED, condition_name, controller_name, joined, number, vector_mm
+from stages.figures.numbers import MM, UNDISTURBED, condition_name, controller_name, joined, number
 from stages.figures.overview import COLUMNS, Motion, motion_panel
 from stages.figures.recovery import Case, recovery_panel
-from stages.figures.results import PointResults, Results, largest_by_direction
+from stages.figures.results import PointResults, Results
 from stages.figures.style import controller_colours, controller_keys
+from stages.policy.outcome import Outcome, Status
 from stages.rollout.parameters import Condition
 from stages.trajectory import Array
 
@@ -33,8 +35,8 @@ def _fig2(results: Results) -> Figure:
     """Rows: the farthest push in each direction, or undisturbed where there is none. Columns: controllers."""
     shown = results.shown
     scene = scene_of(shown)
-    pushed = largest_by_direction(shown.rollout_parameters.conditions)
-    names = {c.name: f"{condition_name(c.name)}, {vector_mm(c.displacement or ())}" for c in pushed}
+    pushed = farthest(results.conditions)
+    names = {c.name: f"{condition_name(c.name)}, {said(c)}" for c in pushed}
     if not names:
         names = {r.condition: condition_name(r.condition) for r in shown.rollouts[:1]}
     cases = {
@@ -78,7 +80,7 @@ def _fig2_caption(shown: PointResults, pushed: list[Condition], controllers: lis
     splits = dict.fromkeys({"train": "training"}.get(r.split, r.split) for r in shown.rollouts)
     sentences = [f"{shown.name}. Executed paths from the first points of the {joined(list(splits))} demonstrations."]
     if pushed:
-        sentences.append("Each is displaced once, on its way.")
+        sentences.append("Each is pushed aside once, on its way.")
         if "lpvds" in controllers:
             sentences.append("Plain LPV-DS goes on from where it was put.")
         if set(controllers) - {"lpvds"}:
@@ -93,8 +95,8 @@ def _fig2_caption(shown: PointResults, pushed: list[Condition], controllers: lis
     return " ".join(sentences)
 
 
-def scene_of(point: PointResults) -> Scene:
-    """Demonstrations, mixture and flow of a point."""
+def scene_of(point: PointResults, among: RecordedScene | None = None) -> Scene:
+    """Demonstrations, mixture and flow of a point, and the obstacles of one of its scenes."""
     midpoints, model = point.midpoints, point.model
     return Scene(
         train=[t.position for t in midpoints.of_split("train")],
@@ -104,13 +106,22 @@ def scene_of(point: PointResults) -> Scene:
         goal=midpoints.goal,
         velocity=model.velocity,
         lyapunov=model.lyapunov,
+        obstacles=None if among is None else among.shapes,
+        traps=None if among is None else among.traps,
     )
 
 
 def path_of(rollout: RecordedRollout) -> Path:
     """A roll-out as it is drawn: with its state x where that is not the executed one."""
-    x = None if rollout.controller == "lpvds" else rollout.x
-    return Path(x=x, executed=rollout.p_hat, displaced=rollout.displaced)
+    x = None if rollout.controller == "lpvds" or rollout.scene else rollout.x
+    return Path(
+        x=x,
+        executed=rollout.p_hat,
+        displaced=rollout.displaced,
+        stopped=bool(rollout.scene) and rollout.outcome != Outcome.ARRIVED,
+        detour=np.asarray(rollout.status == str(Status.DETOURING)),
+        duration=float(rollout.time[-1]),
+    )
 
 
 def _overview(results: Results) -> Figure:
@@ -146,7 +157,7 @@ def _overview(results: Results) -> Figure:
 def recovery_section(results: Results) -> Section | None:
     """Why it recovers: one pushed roll-out of each coupled controller. None where there is no such roll-out."""
     shown = results.shown
-    for condition in largest_by_direction(shown.rollout_parameters.conditions):
+    for condition in farthest(results.conditions):
         cases = [r for r in shown.rollouts if r.condition == condition.name and r.displaced > 0]
         if any(r.controller != "lpvds" for r in cases):
             return _recovery(results, condition, cases)
@@ -169,7 +180,7 @@ def _recovery(results: Results, condition: Condition, cases: list[RecordedRollou
         panels.append(Panel(svg=recovery_panel(case, plain, controller_name(name), top, len(same)), alt=alt))
     sentences = [
         f"{shown.name}, demonstration {demo}, {condition_name(condition.name)} "
-        f"({vector_mm(condition.displacement or ())}). Above: how far the executed state is from x."
+        f"({said(condition)}). Above: how far the executed state is from x."
     ]
     if any(case.tolerance > 0 for case in same.values()):
         sentences.append("Dotted: the tolerance of the gate, and its double, where it closes.")

@@ -23,6 +23,7 @@ from stages.figures.numbers import (
     number,
     percent,
 )
+from stages.figures.obstacles_section import obstacles_section, obstacles_sentence
 from stages.figures.record_sections import deviations_section, parameters, provenance
 from stages.figures.recordings_section import recordings_section
 from stages.figures.results import Results, label
@@ -34,24 +35,27 @@ from stages.figures.tables import facts, metrics
 def lead(results: Results) -> list[Block]:
     """The head: description, the result in a sentence, how to get it again."""
     experiment = results.experiment
+    free = results.own.part(among=False)
+    sentences = [
+        obstacles_sentence(results),
+        kinds_sentence(results),
+        "" if free is None else result_sentence(free.rows),
+    ]
     changed = " Options of the command changed the experiment for this report." if experiment.overridden else ""
     return [
         Paragraph(text=(experiment.description or "An experiment without a description.") + changed),
-        Paragraph(text=f"{kinds_sentence(results)} {result_sentence(results.own.rows)}".strip()),
+        Paragraph(text=" ".join(sentence for sentence in sentences if sentence)),
         Code(text=f"clpv run {experiment.name}\nclpv verify {experiment.name}"),
     ]
 
 
 def sections(results: Results) -> list[Section]:
     """All sections, in order; those that show one kind of dynamics of several say which in their title."""
-    own = results.own
+    own, free = results.own, results.own.part(among=False)
+    without = (rollouts_section, accuracy_section, metrics, recovery_section, facts)
     shown = [
         recordings_section(own),
-        rollouts_section(own),
-        accuracy_section(own),
-        metrics(own),
-        recovery_section(own),
-        facts(own),
+        *(section(free) for section in without if free is not None),
         certificates(own),
         sampler_section(own),
         deviations_section(own),
@@ -60,7 +64,7 @@ def sections(results: Results) -> list[Section]:
     if kinds is not None:
         of_kind = f" \u00b7 {kind_name(results.kind)}"
         shown = [section and replace(section, title=section.title + of_kind) for section in shown]
-    made = [kinds, *shown, parameters(results), provenance(results)]
+    made = [obstacles_section(results), kinds, *shown, parameters(results), provenance(results)]
     return [section for section in made if section is not None]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.report import Block, Section, Table
 from stages.evaluate.summary import by_condition, group, mean
+from stages.figures.conditions import said
 from stages.figures.numbers import (
     MISSING,
     MM,
@@ -23,7 +24,6 @@ from stages.figures.numbers import (
     given,
     number,
     span,
-    vector_mm,
 )
 from stages.figures.results import Results, label
 from stages.policy.outcome import Outcome
@@ -115,14 +115,15 @@ def facts(results: Results) -> Section:
         (
             "Largest rise of V along x in one step",
             f"{number(rise * MM**2)} mm²",
-            "It never rose by more than rounding explains." if rise == 0 else "The step of a displacement is excepted.",
+            "It never rose by more than rounding explains." if rise == 0 else "Steps of disturbances are excepted.",
         )
     )
+    rows += _energy(results)
     rows += _pace(groups)
     rows += _gates(results)
     late = sum(r.displaced < 0 for p in results.points for r in p.rollouts if r.condition in _pushing(results))
     if late:
-        rows.append(("Roll-outs that ended before their displacement", str(late), ""))
+        rows.append(("Roll-outs that ended before their disturbance", str(late), ""))
     table = Table(caption="Counted over all roll-outs", columns=("fact", "found", "remark"), rows=tuple(rows))
     blocks: list[Block] = [table, _arrivals(results, groups)]
     missed = [row for row in results.rows if row["outcome"] != Outcome.ARRIVED]
@@ -131,8 +132,24 @@ def facts(results: Results) -> Section:
     return Section(id="facts", title="Counted facts", blocks=tuple(blocks))
 
 
+def _energy(results: Results) -> list[tuple[str, str, str]]:
+    """The largest rise of eq. (24), its coupling term included, of each coupled controller."""
+    found = []
+    for name in results.controllers:
+        if name != "lpvds":
+            rise = max(row["energy_rise_max"] for row in results.rows if label(row) == name)
+            remark = (
+                "It never rose by more than rounding explains, disturbances excepted."
+                if rise == 0
+                else ("x moves while the executed state trails within the gate's tolerance.")
+            )
+            named = f"Largest rise of V + |p\u0302 \u2212 x|^{{2}}, eq. (24), of {controller_name(name)} in one step"
+            found.append((named, f"{number(rise * MM**2)} mm²", remark))
+    return found
+
+
 def _pushing(results: Results) -> set[str]:
-    return {c.name for c in results.conditions if c.displacement is not None}
+    return {c.name for c in results.conditions if c.disturbances}
 
 
 def _pace(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
@@ -154,7 +171,7 @@ def _pace(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 def _gates(results: Results) -> list[tuple[str, str, str]]:
     """Pushed roll-outs of each coupled controller whose gate never closed, with the reason."""
     rows = []
-    pushes = {c.name: c.displacement for c in results.conditions if c.displacement is not None}
+    pushes = {c.name: said(c) for c in results.conditions if c.disturbances}
     for name in results.controllers:
         pushed = [r for p in results.points for r in p.rollouts if r.label == name and r.displaced >= 0]
         if name == "lpvds" or not pushed:
@@ -163,9 +180,7 @@ def _gates(results: Results) -> list[tuple[str, str, str]]:
         remark = ""
         if never:
             counted = Counter(r.condition for r in never)
-            where = ", ".join(
-                f"{condition_name(c)} {vector_mm(pushes[c] or ())}: {counted[c]}" for c in pushes if counted[c]
-            )
+            where = ", ".join(f"{condition_name(c)} {pushes[c]}: {counted[c]}" for c in pushes if counted[c])
             farthest = max(float(np.linalg.norm(r.p_hat[r.displaced] - r.x[r.displaced])) for r in never)
             gates = [2 * p.resolved.couplings[name]["gate"] * MM for p in results.points]
             remark = (

@@ -1,0 +1,104 @@
+"""How near each method of avoidance comes to an obstacle, over time. Arrays in, SVG documents out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.report import Key
+from stages.figures.numbers import MM, method_title
+from stages.figures.style import colour, drawing, panel_width, svg
+from stages.trajectory import Array
+
+COLOURS = {"roas+": "series-2", "roas": "series-3", "apf": "series-4", "cbf": "series-1", "modulation": "series-5"}
+"""By kind of method."""
+
+HIGH = 1.15
+"""Top of the axis, as a multiple of the distance from which every path starts."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """One roll-out.
+
+    Attributes:
+        method: its name; kind: of the method.
+        time: array, shape (n,), seconds.
+        clearance: array, shape (n,), metres.
+        stopped: whether it ended short of the goal.
+    """
+
+    method: str
+    kind: str
+    time: Array
+    clearance: Array
+    stopped: bool
+
+
+def method_colour(kind: str) -> str:
+    """Name of a method's colour in the palette."""
+    return COLOURS.get(kind, "muted")
+
+
+def method_keys(kinds: Mapping[str, str]) -> tuple[Key, ...]:
+    """Legend entries: method -> kind. The second of a kind is dashed, further ones dotted."""
+    marks = styles(kinds)
+    return tuple(
+        Key(label=method_title(name), colour=method_colour(kind), mark=("line", "dashed", "dotted")[marks[name]])
+        for name, kind in kinds.items()
+    )
+
+
+def styles(kinds: Mapping[str, str]) -> dict[str, int]:
+    """0, 1 or 2 for each method: how many of its kind come before it, at most 2."""
+    seen: dict[str, int] = {}
+    found = {}
+    for name, kind in kinds.items():
+        found[name] = min(seen.get(kind, 0), 2)
+        seen[kind] = seen.get(kind, 0) + 1
+    return found
+
+
+def clearance_panel(lines: Sequence[Line], title: str, columns: int) -> str:
+    """Distance of the executed state from the nearest obstacle over time, mm; a cross where a path ends short."""
+    marks = styles({line.method: line.kind for line in lines})
+    low, top = _limits(lines)
+    with drawing(panel_width(columns), 3.0) as (figure, (axes,)):
+        axes.axhspan(low, 0.0, color=colour("muted"), alpha=0.35, lw=0)
+        axes.grid(axis="y")
+        for line in lines:
+            dashes = ("-", (0, (5, 3)), (0, (1.5, 2)))[marks[line.method]]
+            drawn = colour(method_colour(line.kind))
+            axes.plot(line.time, line.clearance * MM, color=drawn, ls=dashes, lw=1.5)
+            if line.stopped:
+                axes.plot(
+                    line.time[-1], line.clearance[-1] * MM, "X", ms=7, color=drawn, mec=colour("surface"), mew=0.6
+                )
+        longest = (
+            max(float(line.time[-1]) for line in lines if not line.stopped or len(lines) == 1)
+            if any(not line.stopped for line in lines)
+            else max(float(line.time[-1]) for line in lines)
+        )
+        axes.set(xlim=(0.0, max(longest, 1e-9)), ylim=(low, top), title=title)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("clearance [mm]")
+        return svg(figure)
+
+
+def _limits(lines: Sequence[Line]) -> tuple[float, float]:
+    """Range of the axis, mm: from a little inside of an obstacle, or as deep as a path begins, to where paths begin."""
+    first = [float(line.clearance[0]) * MM for line in lines]
+    top = HIGH * max(first)
+    if not top > 0.0:  # all begin inside
+        top = max(HIGH * max(float(line.clearance.max()) * MM for line in lines), 1.0)
+    return min(-0.12 * top, HIGH * min(first)), top
+
+
+def wilson(count: int, total: int, z: float = 1.959964) -> tuple[float, float]:
+    """95 % interval of a share that was counted as `count` of `total`: Wilson's score interval (1927)."""
+    share, n = count / total, float(total)
+    middle = share + z * z / (2.0 * n)
+    half = z * float(np.sqrt(share * (1.0 - share) / n + z * z / (4.0 * n * n)))
+    return max((middle - half) / (1.0 + z * z / n), 0.0), min((middle + half) / (1.0 + z * z / n), 1.0)

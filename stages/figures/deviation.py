@@ -1,0 +1,31 @@
+"""What a row on a departure from the print is made of. Declarations only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+X_DOT = "x\u0307"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deviation:
+    """One row: where in the paper, what is printed, what runs here, why."""
+
+    where: str
+    printed: str
+    here: str
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolved:
+    """What one motion made of the parameters of its controllers.
+
+    Attributes:
+        top_speed: of the demonstrations, m/s.
+        couplings: label of each coupled controller -> `p_max` (1/s), `k_c` (1/m), `gate` (m), `v_max` (m/s).
+    """
+
+    top_speed: float
+    couplings: Mapping[str, Mapping[str, float]]
