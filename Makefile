@@ -17,7 +17,7 @@ help:
 	@echo 'make demo    run the quickstart experiment on real data; says where its report is'
 	@echo 'make test    everything that continuous integration runs'
 	@echo 'make lint    formatting, lint, types and import contracts only'
-	@echo 'make bench   benchmarks, and the long study against its manifest'
+	@echo 'make bench   benchmarks, and the long studies against their manifests'
 	@echo 'make clean   remove caches, results and build products; experiments and manifests stay'
 
 demo: venv
@@ -36,6 +36,8 @@ lint: venv
 bench: venv
 	$(BIN)/python -m pytest tests/benchmarks -q -s
 	$(BIN)/clpv verify lasa-disturbance
+	$(BIN)/clpv verify lasa-obstacles
+	$(BIN)/clpv verify obstacle-scenes
 
 # A venv knows its own path, so one in a moved checkout is made anew. Both stamps are written last: after a failed or
 # interrupted installation the next make starts again. PYTHON=... names another interpreter of the same version.

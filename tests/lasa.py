@@ -14,7 +14,7 @@ import numpy as np
 from stages.dynamics import pqlf, qlf, warped
 from stages.dynamics.fit import DynamicsFit
 from stages.dynamics.parameters import PqlfParameters, QlfParameters, WarpedParameters
-from stages.ingest.lasa import installed_folder, read_lasa
+from stages.ingest.lasa import ingest, installed_folder, read_lasa
 from stages.ingest.parameters import LasaParameters
 from stages.midpoint.midpoint import to_trajectories
 from stages.midpoint.parameters import MidpointParameters
@@ -22,7 +22,7 @@ from stages.mixture.auto import fit_auto
 from stages.mixture.gaussian import GaussianMixture
 from stages.mixture.parameters import AutoParameters, PcGmmParameters
 from stages.mixture.pcgmm import fit_pcgmm
-from stages.trajectory import Array, Trajectory
+from stages.trajectory import Array, Demonstration, Trajectory
 
 CANDIDATES = (6, 8, 10, 12)
 """Sizes of the plain mixtures between which P-QLF chooses; the warped system takes the default."""
@@ -47,11 +47,25 @@ def motions() -> list[Motion]:
     """All 30, in the order of their names."""
     result = []
     for file in sorted(installed_folder().glob("*.mat"), key=lambda file: file.stem.lower()):
-        parameters = LasaParameters(motion=file.stem)
-        found = to_trajectories(read_lasa(file, parameters), MidpointParameters())
-        parts = {split: tuple(t for t in found.trajectories if t.split == split) for split in ("train", "test")}
-        result.append(Motion(name=file.stem, train=parts["train"], test=parts["test"], goal=found.goal))
+        result.append(_motion(file.stem, read_lasa(file, LasaParameters(motion=file.stem))))
     return result
+
+
+def motions_in_space() -> list[Motion]:
+    """All 30, each with the next one's first coordinate as its depth: three-dimensional motions, made."""
+    files = sorted(installed_folder().glob("*.mat"), key=lambda file: file.stem.lower())
+    result = []
+    for file, other in zip(files, files[1:] + files[:1], strict=True):
+        parameters = LasaParameters(motion=file.stem, depth=other.stem)
+        demonstrations, _ = ingest({file.name: file, other.name: other}, parameters, print)
+        result.append(_motion(f"{file.stem}+{other.stem}", demonstrations))
+    return result
+
+
+def _motion(name: str, demonstrations: Sequence[Demonstration]) -> Motion:
+    found = to_trajectories(demonstrations, MidpointParameters())
+    parts = {split: tuple(t for t in found.trajectories if t.split == split) for split in ("train", "test")}
+    return Motion(name=name, train=parts["train"], test=parts["test"], goal=found.goal)
 
 
 def samples(train: Sequence[Trajectory]) -> tuple[Array, Array, np.ndarray]:

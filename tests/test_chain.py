@@ -27,8 +27,8 @@ controllers = [
 ]
 conditions = [
     { name = "none" },
-    { name = "cond1", displacement = [0.0, -0.020], at_fraction = 0.5 },
-    { name = "cond3", displacement = [0.020, 0.0], at_fraction = 0.5 },
+    { name = "cond1", disturbances = [{ kind = "displacement", offset = [0.0, -0.020] }] },
+    { name = "cond3", disturbances = [{ kind = "displacement", offset = [0.020, 0.0] }] },
 ]
 [sweep]
 "ingest.motion" = ["Angle", "Multi_Models_2", "Sharpc", "Worm"]
@@ -82,7 +82,10 @@ def make_project_beside(root: Path) -> Path:
     return make_project(root.parent / "committed", "quickstart")
 
 
-@pytest.mark.parametrize(("name", "points"), [("quickstart", 1), ("lasa-disturbance", 30)])
+@pytest.mark.parametrize(
+    ("name", "points"),
+    [("quickstart", 1), ("lasa-disturbance", 30), ("lasa-obstacles", 60), ("obstacle-scenes", 20)],
+)
 def test_committed_manifest_is_of_this_code(name: str, points: int) -> None:
     """Every stage was run with the code, parameters and libraries that are here."""
     from pipeline.key import differences, stage_key

@@ -161,9 +161,9 @@ ERRORS = {
         2,
         "rollout.controllers.0.kind: there is no kind 'clpdvs'; did you mean 'clpvds'? Valid: clpvds, lpvds.",
     ),
-    ("run", "quickstart", "--set", "rollout.conditions.0.at_fraction=2"): (
+    ("run", "quickstart", "--set", "rollout.conditions.1.disturbances.0.at_fraction=2"): (
         2,
-        "rollout.conditions.0.at_fraction: should be less than or equal to 1, not 2.",
+        "rollout.conditions.1.disturbances.0.at_fraction: should be less than or equal to 1, not 2.",
     ),
     ("run", "quickstart", "--set", "rollout.starts=tset"): (
         2,

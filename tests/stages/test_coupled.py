@@ -13,18 +13,22 @@ from scipy.integrate import solve_ivp
 from pipeline.errors import ParameterError
 from stages.policy.coupled import (
     PLAIN,
-    PaperCoupling,
-    RobustCoupling,
     energy,
     follow_deadbeat,
     follow_printed,
-    gate_for,
+    follow_printed_explicitly,
     observe,
+    rate,
+    speed_limit,
+)
+from stages.policy.coupling import (
+    PaperCoupling,
+    RobustCoupling,
+    check_explicit,
+    gate_for,
     p_max_for,
     paper_coupling,
-    rate,
     robust_coupling,
-    speed_limit,
 )
 
 AT = "rollout.controllers.1"
@@ -97,6 +101,22 @@ def test_printed_follower_where_explicit_euler_diverges() -> None:
     assert p_hat[0] == pytest.approx(exact_distance(1.0, 0.02, 600.0, 1e4), rel=ACCURACY)
 
 
+def test_explicit_euler_of_the_printed_follower_by_hand_and_where_it_is_refused() -> None:
+    x, p_hat = np.zeros(2), np.array([math.log(2.0) / 100.0, 0.0])  # C = p_max / 2
+    follow_printed_explicitly(x, p_hat, 0.1, 10.0, 100.0)
+    assert p_hat[0] == pytest.approx(0.5 * math.log(2.0) / 100.0, rel=1e-14)
+    p_hat = np.array([1.0, 0.0])
+    follow_printed_explicitly(x, p_hat, 0.004, 600.0, 1e4)  # C dt = 2.4: thrown to the other side, and farther
+    assert p_hat[0] == pytest.approx(-1.4, rel=1e-12)
+    coupling = PaperCoupling(p_max=600.0, k_c=1e4, gate=0.002)
+    check_explicit(coupling, 1.0 / 600.0, AT)
+    with pytest.raises(ParameterError, match="overshoots") as error:
+        check_explicit(coupling, 0.004, AT)
+    assert error.value.location == f"{AT}.p_max"
+    assert "dt <= 0.00167" in error.value.problem
+    assert "p_max <= 250" in error.value.problem
+
+
 def test_printed_follower_approaches_as_one_over_time() -> None:
     # The reason why eq. (12) cannot be met: |e| tends to 1 / (p_max k_c t).
     x, p_hat = np.zeros(1), np.array([0.01])
@@ -159,6 +179,18 @@ def test_gate_of_the_deadbeat_follower_is_exact() -> None:
         assert not observe(coupling, x, np.array([0.1, math.nextafter(0.2, 1.0)]), was_open)
         assert not observe(coupling, x, np.array([math.nextafter(0.1, 0.0), 0.2]), was_open)
     assert (x == [0.1, 0.2]).all()
+
+
+def test_a_tolerance_gives_the_deadbeat_gate_hysteresis() -> None:
+    coupling = robust_coupling(v_max=1.0, tolerance=0.5, top_speed=0.1, location=AT).compiled
+    x = np.zeros(2)
+    for distance, when_open, when_closed in [(0.5, 1, 1), (0.75, 1, 0), (1.0, 1, 0), (1.001, 0, 0)]:
+        p_hat = np.array([0.0, distance])
+        assert observe(coupling, x, p_hat, True) == bool(when_open)
+        assert observe(coupling, x, p_hat, False) == bool(when_closed)
+    for wrong in (-1e-3, math.nan, math.inf):
+        with pytest.raises(ParameterError, match="metres"):
+            robust_coupling(v_max=1.0, tolerance=wrong, top_speed=0.1, location=AT)
 
 
 def test_uncoupled_x_is_the_executed_state() -> None:

@@ -23,18 +23,28 @@ from stages.dynamics.parameters import PqlfParameters, QlfParameters, WarpedPara
 from stages.evaluate.parameters import EvaluateParameters
 from stages.figures import numbers
 from stages.figures.accuracy import Bar, bar_panel, bootstrap_interval, changes, highest
-from stages.figures.deviations import Deviation, Resolved, deviations
+from stages.figures.conditions import farthest, said
+from stages.figures.deviation import Deviation, Resolved
+from stages.figures.deviations import deviations
 from stages.figures.experiment import write_report
 from stages.figures.flow import LEVELS, Path, Scene, flow_panel, frame, legend, planes
 from stages.figures.overview import MOST_SAMPLES, Motion, motion_panel
 from stages.figures.recovery import Case, closed_spans, recovery_panel
-from stages.figures.results import largest_by_direction
 from stages.figures.sampler import sampler_panels
 from stages.figures.sections import result_sentence
 from stages.figures.style import colour, controller_colours
 from stages.ingest.parameters import LasaParameters
 from stages.mixture.parameters import AutoParameters, EmParameters, PcGmmParameters
-from stages.rollout.parameters import ClpvdsController, Condition, LpvdsController, RolloutParameters
+from stages.rollout.parameters import (
+    ClpvdsController,
+    Condition,
+    Displacement,
+    Held,
+    LpvdsController,
+    Noise,
+    Ramp,
+    RolloutParameters,
+)
 from stages.trajectory import Array
 
 
@@ -142,11 +152,27 @@ def test_frame_holds_paths_but_not_one_that_ran_away() -> None:
 
 def test_pushes_shown_are_the_farthest_in_each_direction() -> None:
     names = {"none": None, "a": (0.0, -0.02), "b": (0.0, -0.01), "c": (0.02, 0.0), "d": (0.0, 0.03), "e": (0.0, -0.04)}
-    conditions = tuple(Condition(name=name, displacement=push) for name, push in names.items())
-    assert [c.name for c in largest_by_direction(conditions)] == ["e", "c", "d"]
-    assert [c.name for c in largest_by_direction(conditions[:4])] == ["a", "c"]
-    assert [c.name for c in largest_by_direction(conditions, limit=2)] == ["e", "c"]
-    assert largest_by_direction(conditions[:1]) == []
+    conditions = tuple(
+        Condition(name=name, disturbances=() if push is None else (Displacement(offset=push),))
+        for name, push in names.items()
+    )
+    assert [c.name for c in farthest(conditions)] == ["e", "c", "d"]
+    assert [c.name for c in farthest(conditions[:4])] == ["a", "c"]
+    assert [c.name for c in farthest(conditions, limit=2)] == ["e", "c"]
+    assert farthest(conditions[:1]) == []
+    several = Condition(name="f", disturbances=(Displacement(offset=(0.0, 1.0)), Displacement(offset=(1.0, 0.0))))
+    shaken = Condition(name="g", disturbances=(Noise(std=0.1, duration=1.0),))
+    assert farthest([several, shaken]) == []
+
+
+def test_disturbances_are_said_in_words() -> None:
+    held = Held(offset=(0.0, -0.02), duration=0.5)
+    ramp = Ramp(offset=(0.01, 0.0), rise=0.2, hold=1.0)
+    noise = Noise(std=0.001, duration=2.0)
+    words = said(Condition(name="all", disturbances=(held, ramp, noise)))
+    assert words == (
+        "[0, \u221220]\u00a0mm, held for 0.5 s, [10, 0]\u00a0mm within 0.2 s, held for 1 s and noise of 1 mm for 2 s"
+    )
 
 
 # --- all motions ----------------------------------------------------------------------------------------------------
@@ -319,6 +345,7 @@ def row(controller: str, condition: str, dtw: float, *, arrived: bool = True, mo
     names = ("dtw_per_step_mm", "sea_mm2", "steps", "duration_s", "final_error_mm", "recovery_s", "displaced_step")
     found = dict.fromkeys((*names, "velocity_rmse_mm_s"), 1.0)
     found |= {"dtw_mm": dtw, "sea_per_step_mm2": 2 * dtw, "lyapunov_rise_max": 0.0, "gate_closed_steps": 0}
+    found |= {"energy_rise_max": 0.0, "clearance_min_mm": None}
     case = {"dynamics": "qlf", "controller": controller, "mode": mode, "avoidance": "none", "condition": condition}
     return {**case, "outcome": "arrived" if arrived else "timeout", **found}
 
@@ -342,7 +369,7 @@ RESOLVED = Resolved(
         "clpvds paper": {"v_max": 0.0, "gate": 0.002, "p_max": 100.0, "k_c": 100.0},
     },
 )
-PUSH = Condition(name="cond1", displacement=(0.0, -0.02))
+PUSH = Condition(name="cond1", disturbances=(Displacement(offset=(0.0, -0.02)),))
 
 
 def rows_for(**changed: Any) -> list[Deviation]:
@@ -421,7 +448,7 @@ def test_deviations_of_roll_outs_and_data() -> None:
     euler = rows_for(rollout=RolloutParameters(integrator="euler"))
     assert "Explicit Euler" in text(euler, "(6), (11)")
     assert "Figs 2, 3" not in where(euler)  # nothing is displaced
-    late = Condition(name="late", displacement=(0.01, 0.0), at_time=1.5)
+    late = Condition(name="late", disturbances=(Displacement(offset=(0.01, 0.0), at_time=1.5),))
     both = rows_for(rollout=RolloutParameters(conditions=(PUSH, late)))
     assert "0.5 of the arc length" in text(both, "Figs 2, 3")
     assert "1.5 s after the start" in text(both, "Figs 2, 3")
@@ -446,7 +473,7 @@ controllers = [
     { kind = "clpvds", mode = "robust" },
     { kind = "clpvds", mode = "paper", p_max = 10.0, gate = 0.02 },
 ]
-conditions = [{ name = "none" }, { name = "nudge", displacement = [0.0, -0.010] }]
+conditions = [{ name = "none" }, { name = "nudge", disturbances = [{ kind = "displacement", offset = [0.0, -0.010] }] }]
 [sweep]
 "ingest.motion" = ["Line", "Multi_Models_1", "Angle"]
 """

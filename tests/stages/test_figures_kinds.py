@@ -48,7 +48,7 @@ components = 4
 kind = "pqlf"
 [rollout]
 starts = "all"
-conditions = [{ name = "none" }, { name = "nudge", displacement = [0.0, -0.010] }]
+conditions = [{ name = "none" }, { name = "nudge", disturbances = [{ kind = "displacement", offset = [0.0, -0.010] }] }]
 [sweep]
 "dynamics.kind" = ["warped", "qlf", "pqlf"]
 "ingest.motion" = ["Line", "Leaf_1", "Multi_Models_1"]
@@ -431,10 +431,14 @@ def test_three_coordinates_are_shown_in_two_planes_beside_each_other() -> None:
             goal=np.zeros(3), of_split=lambda split: [SimpleNamespace(position=way)] if split == "train" else []
         ),
         model=model,
-        rollouts=[SimpleNamespace(x=way, p_hat=way, displaced=-1, **names)],
+        rollouts=[
+            SimpleNamespace(
+                x=way, p_hat=way, displaced=-1, scene="", status=np.full(40, "free"), time=np.arange(40.0), **names
+            )
+        ],
         rollout_parameters=SimpleNamespace(conditions=()),
     )
-    results: Any = SimpleNamespace(shown=shown, controllers=["lpvds"], is_sweep=False)
+    results: Any = SimpleNamespace(shown=shown, controllers=["lpvds"], is_sweep=False, conditions=())
     (figure,) = figures(rollouts_section(results))
     assert figure.columns == 2
     assert [{"x [mm]", "y [mm]", "z [mm]"} & set(texts(panel.svg)) for panel in figure.panels] == [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +16,17 @@ from pipeline.errors import DataError, ParameterError
 from stages.dynamics.lpvds import LpvDs
 from stages.evaluate.compare import largest_rise, recovery_time
 from stages.mixture.gaussian import GaussianMixture
-from stages.policy.coupled import RETURN_ALLOWANCE, energy
+from stages.policy.coupled import energy
+from stages.policy.coupling import RETURN_ALLOWANCE
 from stages.policy.outcome import Outcome
-from stages.rollout.parameters import ClpvdsController, Condition, Controller, LpvdsController, RolloutParameters
+from stages.rollout.parameters import (
+    ClpvdsController,
+    Condition,
+    Controller,
+    Displacement,
+    LpvdsController,
+    RolloutParameters,
+)
 from stages.rollout.simulate import Rollout, simulate
 from stages.trajectory import Trajectory
 
@@ -49,6 +59,18 @@ def line_model(rate: float = 2.0, d: int = 2) -> LpvDs:
     return LpvDs(mixture=mixture, matrices=-rate * np.eye(d)[None], goal=np.zeros(d), lyapunov_matrix=np.eye(d))
 
 
+def pushed(offset: tuple[float, ...] | None, name: str = "none", **when: object) -> Condition:
+    """A condition with one displacement, or none."""
+    disturbances = () if offset is None else (Displacement(offset=offset, **when),)  # type: ignore[arg-type]
+    return Condition(name=name, disturbances=disturbances)
+
+
+def roll_out(
+    model: LpvDs, starts: Sequence[Trajectory], parameters: RolloutParameters, top_speed: float, *more: Any
+) -> tuple[Rollout, ...]:
+    return simulate(model, starts, parameters, top_speed, *more).rollouts
+
+
 def start_at(position: np.ndarray, demo: str = "4", duration: float = 4.0, samples: int = 401) -> Trajectory:
     """A demonstration of which only the start and the clock matter."""
     path = np.linspace(position, np.zeros(len(position)), samples)
@@ -65,7 +87,7 @@ def start_at(position: np.ndarray, demo: str = "4", duration: float = 4.0, sampl
 def top_speed(model: LpvDs, start: Trajectory, parameters: RolloutParameters | None = None) -> float:
     """Top speed of the plain roll-out, as the demonstrations' of a good fit."""
     parameters = dataclasses.replace(parameters or RolloutParameters(), controllers=(PLAIN,), conditions=(Condition(),))
-    (plain,) = simulate(model, [start], parameters, 1.0)
+    (plain,) = roll_out(model, [start], parameters, 1.0)
     return float(np.linalg.norm(np.diff(plain.x, axis=0), axis=1).max() / plain.time[1])
 
 
@@ -77,9 +99,9 @@ def run(
     **more: object,
 ) -> Rollout:
     parameters = RolloutParameters(
-        controllers=(controller,), conditions=(Condition(displacement=displacement),), max_duration=10.0, **more
+        controllers=(controller,), conditions=(pushed(displacement),), max_duration=10.0, **more
     )
-    (rollout,) = simulate(model, [start], parameters, top_speed(model, start, parameters))
+    (rollout,) = roll_out(model, [start], parameters, top_speed(model, start, parameters))
     return rollout
 
 
@@ -96,7 +118,7 @@ def test_v_never_rises_along_x(seed: int, d: int, controller: Controller, dt: fl
     model, start, displacement = case(seed, d)
     for push in (None, displacement):
         rollout = run(model, start, controller, push, dt=dt)
-        assert largest_rise(rollout.lyapunov, rollout.displaced if controller is PLAIN else -1) == 0.0
+        assert largest_rise(rollout.lyapunov, rollout.disturbed if controller is PLAIN else ()) == 0.0
         assert rollout.outcome is not Outcome.DIVERGED
 
 
@@ -116,7 +138,7 @@ def test_recovered_robust_roll_out_repeats_the_undisturbed_one_bit_for_bit(seed:
     # It comes back at v_max.
     v_max = RETURN_ALLOWANCE * top_speed(model, start)
     steps = math.ceil(np.linalg.norm(displacement) / (v_max * disturbed.time[1]) - 1e-9)
-    recovery = recovery_time(disturbed.time, disturbed.gate, at)
+    recovery = recovery_time(disturbed.time, disturbed.gate, disturbed.disturbed)
     assert recovery is not None
     assert round(recovery / disturbed.time[1]) in (steps, steps + 1)
 
@@ -210,8 +232,8 @@ def test_displacement_comes_at_half_of_the_arc_length_once() -> None:
 )
 def test_displacement_at_a_given_time_or_fraction(when: dict[str, float], sample: int) -> None:
     start = start_at(np.array([0.1, 0.0]))
-    condition = Condition(displacement=(0.0, 0.01), **when)
-    for rollout in simulate(line_model(), [start], RolloutParameters(conditions=(condition,)), 0.2):
+    condition = pushed((0.0, 0.01), **when)
+    for rollout in roll_out(line_model(), [start], RolloutParameters(conditions=(condition,)), 0.2):
         assert rollout.displaced == sample
         assert rollout.p_hat[sample, 1] == 0.01
 
@@ -220,10 +242,10 @@ def test_displacement_at_the_end_and_after_it() -> None:
     start = start_at(np.array([0.1, 0.0]))
     conditions = (
         Condition(),
-        Condition(name="end", displacement=(0.0, 0.01), at_fraction=1.0),
-        Condition(name="after", displacement=(0.0, 0.01), at_time=1e300),
+        pushed((0.0, 0.01), "end", at_fraction=1.0),
+        pushed((0.0, 0.01), "after", at_time=1e300),
     )
-    none, end, after = simulate(
+    none, end, after = roll_out(
         line_model(), [start], RolloutParameters(controllers=(ROBUST,), conditions=conditions), 0.2
     )
     assert end.displaced == len(none.time) - 1
@@ -234,10 +256,10 @@ def test_displacement_at_the_end_and_after_it() -> None:
 
 def test_cases_run_in_order_with_unique_names_and_progress() -> None:
     starts = [start_at(np.array([0.1, 0.0]), "4"), start_at(np.array([0.0, 0.1]), "5")]
-    conditions = (Condition(), Condition(name="cond1", displacement=(0.0, -0.02)))
+    conditions = (Condition(), pushed((0.0, -0.02), "cond1"))
     parameters = RolloutParameters(controllers=(PLAIN, ROBUST, PAPER), conditions=conditions)
     seen: list[tuple[int, int]] = []
-    rollouts = simulate(line_model(), starts, parameters, 0.2, lambda done, total: seen.append((done, total)))
+    rollouts = roll_out(line_model(), starts, parameters, 0.2, lambda done, total: seen.append((done, total)))
     assert [rollout.rollout for rollout in rollouts] == [
         f"{controller}/{condition}/{demo}"
         for controller in ("lpvds", "clpvds-robust", "clpvds-paper")
@@ -261,7 +283,7 @@ def test_cases_run_in_order_with_unique_names_and_progress() -> None:
 def test_two_datasets_keep_names_apart() -> None:
     here = start_at(np.array([0.1, 0.0]))
     there = dataclasses.replace(here, dataset="other")
-    names = [rollout.rollout for rollout in simulate(line_model(), [here, there], RolloutParameters(), 0.2)]
+    names = [rollout.rollout for rollout in roll_out(line_model(), [here, there], RolloutParameters(), 0.2)]
     assert names[:2] == ["lpvds/none/made/4", "lpvds/none/other/4"]
     assert len(set(names)) == 4
 
@@ -269,10 +291,10 @@ def test_two_datasets_keep_names_apart() -> None:
 def test_the_same_cases_give_the_same_bytes() -> None:
     model, start, displacement = case(7, 3)
     parameters = RolloutParameters(
-        controllers=(PLAIN, ROBUST, PAPER), conditions=(Condition(), Condition(name="push", displacement=displacement))
+        controllers=(PLAIN, ROBUST, PAPER), conditions=(Condition(), pushed(displacement, "push"))
     )
     for one, two in zip(
-        simulate(model, [start], parameters, 0.5), simulate(model, [start], parameters, 0.5), strict=True
+        roll_out(model, [start], parameters, 0.5), roll_out(model, [start], parameters, 0.5), strict=True
     ):
         for name in ("time", "x", "p_hat", "gate", "lyapunov"):
             assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
@@ -280,7 +302,7 @@ def test_the_same_cases_give_the_same_bytes() -> None:
 
 def test_a_roll_out_that_is_too_short_times_out() -> None:
     parameters = RolloutParameters(max_duration=0.1)
-    for rollout in simulate(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2):
+    for rollout in roll_out(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2):
         assert rollout.outcome is Outcome.TIMEOUT
         assert len(rollout.time) == 41
         assert rollout.time[-1] == pytest.approx(0.4)
@@ -288,13 +310,13 @@ def test_a_roll_out_that_is_too_short_times_out() -> None:
 
 def test_a_clock_that_does_not_divide_the_duration_is_rounded_up() -> None:
     parameters = RolloutParameters(max_duration=0.1, dt=0.03)
-    rollout = simulate(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2)[0]
+    rollout = roll_out(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2)[0]
     assert rollout.time[-1] == pytest.approx(0.42)
 
 
 def test_explicit_euler_that_cannot_be_stable_diverges_and_stays_finite() -> None:
     parameters = RolloutParameters(integrator="euler", dt=2.0, max_duration=1000.0)
-    plain, coupled = simulate(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 1e9)
+    plain, coupled = roll_out(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 1e9)
     for rollout in (plain, coupled):
         assert rollout.outcome is Outcome.DIVERGED
         assert np.isfinite(rollout.x).all()
@@ -303,7 +325,7 @@ def test_explicit_euler_that_cannot_be_stable_diverges_and_stays_finite() -> Non
 
 
 def test_a_start_at_the_goal_has_arrived() -> None:
-    for rollout in simulate(line_model(), [start_at(np.zeros(2))], RolloutParameters(), 0.2):
+    for rollout in roll_out(line_model(), [start_at(np.zeros(2))], RolloutParameters(), 0.2):
         assert rollout.outcome is Outcome.ARRIVED
         assert len(rollout.time) == 1
 
@@ -311,8 +333,8 @@ def test_a_start_at_the_goal_has_arrived() -> None:
 def test_coupled_has_not_arrived_before_x_has() -> None:
     # Pushed onto the goal, p_hat must come back to where x waits.
     start = start_at(np.array([0.1, 0.0]))
-    condition = Condition(displacement=(-0.1, 0.0), at_time=0.0)
-    plain, robust = simulate(line_model(), [start], RolloutParameters(conditions=(condition,)), 0.2)
+    condition = pushed((-0.1, 0.0), at_time=0.0)
+    plain, robust = roll_out(line_model(), [start], RolloutParameters(conditions=(condition,)), 0.2)
     assert len(plain.time) == 1
     assert len(robust.time) > 100
 
@@ -320,23 +342,38 @@ def test_coupled_has_not_arrived_before_x_has() -> None:
 @pytest.mark.parametrize(
     ("changes", "location", "says"),
     [
-        ({"conditions": (Condition(displacement=(0.0, 0.0, 0.1)),)}, "conditions.0.displacement", "3 coordinates"),
-        ({"conditions": (Condition(displacement=(0.0, math.nan)),)}, "conditions.0.displacement", "finite"),
+        ({"conditions": (pushed((0.0, 0.0, 0.1)),)}, "conditions.0.disturbances.0.offset", "3 coordinates"),
+        ({"conditions": (pushed((0.0, math.nan)),)}, "conditions.0.disturbances.0.offset", "finite"),
         ({"conditions": (Condition(), Condition())}, "conditions.1.name", "earlier"),
         ({"conditions": (Condition(name="a/b"),)}, "conditions.0.name", "letters"),
-        ({"conditions": (Condition(at_fraction=0.5),)}, "conditions.0.displacement", "missing"),
         (
-            {"conditions": (Condition(displacement=(0.0, 0.1), at_fraction=0.5, at_time=1.0),)},
-            "conditions.0.at_time",
+            {"conditions": (pushed((0.0, 0.1), at_fraction=0.5, at_time=1.0),)},
+            "conditions.0.disturbances.0.at_time",
             "not both",
         ),
-        ({"conditions": (Condition(displacement=(0.0, 0.1), at_fraction=1.5),)}, "conditions.0.at_fraction", "between"),
         (
-            {"conditions": (Condition(displacement=(0.0, 0.1), at_fraction=math.nan),)},
-            "conditions.0.at_fraction",
-            "between",
+            {"conditions": (pushed((0.0, 0.1), at_fraction=0.5, at_state=(0.0, 0.0)),)},
+            "conditions.0.disturbances.0.at_state",
+            "not both",
         ),
-        ({"conditions": (Condition(displacement=(0.0, 0.1), at_time=-1.0),)}, "conditions.0.at_time", "seconds"),
+        (
+            {"conditions": (pushed((0.0, 0.1), at_state=(0.0,)),)},
+            "conditions.0.disturbances.0.at_state",
+            "1 coordinate",
+        ),
+        (
+            {"conditions": (pushed((0.0, 0.1), at_fraction=1.5),)},
+            "conditions.0.disturbances.0.at_fraction",
+            "at most 1",
+        ),
+        (
+            {"conditions": (pushed((0.0, 0.1), at_fraction=math.nan),)},
+            "conditions.0.disturbances.0.at_fraction",
+            "finite",
+        ),
+        ({"conditions": (pushed((0.0, 0.1), at_time=-1.0),)}, "conditions.0.disturbances.0.at_time", "0 or more"),
+        ({"avoidances": ()}, "avoidances", "at least one"),
+        ({"integrator": "euler", "controllers": (PAPER,), "dt": 0.1}, "controllers.0.p_max", "overshoots"),
         ({"conditions": ()}, "conditions", "at least one"),
         ({"controllers": ()}, "controllers", "at least one"),
         ({"controllers": (ROBUST, ClpvdsController())}, "controllers.1", "mode robust"),
@@ -353,13 +390,13 @@ def test_coupled_has_not_arrived_before_x_has() -> None:
 def test_what_has_no_meaning_is_refused(changes: dict[str, object], location: str, says: str) -> None:
     parameters = dataclasses.replace(RolloutParameters(), **changes)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match=says) as error:
-        simulate(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2)
+        roll_out(line_model(), [start_at(np.array([0.1, 0.0]))], parameters, 0.2)
     assert error.value.location == f"rollout.{location}"
 
 
 def test_parameters_of_the_other_mode_are_not_looked_at() -> None:
     controller = ClpvdsController(mode="robust", gate=0.0, p_max=1e-3, k_c=1e9)
-    (rollout,) = simulate(
+    (rollout,) = roll_out(
         line_model(), [start_at(np.array([0.1, 0.0]))], RolloutParameters(controllers=(controller,)), 0.2
     )
     assert rollout.outcome is Outcome.ARRIVED
@@ -368,8 +405,8 @@ def test_parameters_of_the_other_mode_are_not_looked_at() -> None:
 def test_unusable_demonstrations_are_refused() -> None:
     start = start_at(np.array([0.1, 0.0]))
     with pytest.raises(DataError, match="2 coordinates"):
-        simulate(line_model(d=3), [start], RolloutParameters(), 0.2)
+        roll_out(line_model(d=3), [start], RolloutParameters(), 0.2)
     with pytest.raises(DataError, match="two starts"):
-        simulate(line_model(), [start, start], RolloutParameters(), 0.2)
+        roll_out(line_model(), [start, start], RolloutParameters(), 0.2)
     with pytest.raises(DataError, match="nothing moves"):
-        simulate(line_model(), [start], RolloutParameters(), 0.0)
+        roll_out(line_model(), [start], RolloutParameters(), 0.0)
