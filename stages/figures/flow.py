@@ -266,7 +266,8 @@ def _draw_obstacles(axes: Axes, shapes: Shapes, plane: tuple[int, int], duration
             drawn = axes.annotate(
                 "", xy=tuple(centre + way), xytext=tuple(centre), arrowprops=arrow, annotation_clip=False, zorder=3.6
             )
-            drawn.arrow_patch.set_clip_box(axes.bbox)
+            if drawn.arrow_patch is not None:
+                drawn.arrow_patch.set_clip_box(axes.bbox)
 
 
 def _draw_path(axes: Axes, path: Path, shown: tuple[int, int], line: str) -> None:
