@@ -61,6 +61,23 @@ def linear(goal: Array, rate: float = 1.0, lyapunov_matrix: Array | None = None)
     return LpvDs(mixture=mixture, matrices=-rate * np.eye(d)[None], goal=goal, lyapunov_matrix=P)
 
 
+def bent(generator: np.random.Generator, d: int, spread: float = 0.05) -> LpvDs:
+    """A certified system whose ways bend: symmetric parts negative definite, any skew part. `spread`: of means, m."""
+    K = int(generator.integers(1, 5))
+    roots = 0.02 * generator.normal(size=(K, d, d))
+    halves, skew = generator.normal(size=(2, K, d, d)) / math.sqrt(d)
+    return LpvDs(
+        mixture=GaussianMixture(
+            weights=generator.dirichlet(np.full(K, 5.0)),
+            means=spread * generator.normal(size=(K, d)),
+            covariances=roots @ roots.transpose(0, 2, 1) + 1e-4 * np.eye(d),
+        ),
+        matrices=-(halves @ halves.transpose(0, 2, 1)) - 0.5 * np.eye(d) + 2.0 * (skew - skew.transpose(0, 2, 1)),
+        goal=0.02 * generator.normal(size=d),
+        lyapunov_matrix=np.eye(d),
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
     """A system and a start; what it does without obstacles.

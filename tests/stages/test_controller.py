@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import bent, linear
 
 import clpv
 from pipeline.errors import ClpvError, DataError, ParameterError
 from stages.dynamics.lpvds import LpvDs
-from stages.mixture.gaussian import GaussianMixture
 from stages.policy.avoidance.method import resolve_avoidance
 from stages.policy.avoidance.parameters import (
     Avoidance,
@@ -51,25 +51,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def line_model(d: int = 2) -> LpvDs:
     """xdot = -2 x: straight to the goal at the origin."""
-    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, d)), covariances=np.eye(d)[None])
-    return LpvDs(mixture=mixture, matrices=-2.0 * np.eye(d)[None], goal=np.zeros(d), lyapunov_matrix=np.eye(d))
-
-
-def bent_model(generator: np.random.Generator, d: int) -> LpvDs:
-    """A certified system whose ways bend: symmetric parts negative definite, any skew part."""
-    K = int(generator.integers(1, 5))
-    roots = 0.02 * generator.normal(size=(K, d, d))
-    halves, skew = generator.normal(size=(2, K, d, d)) / math.sqrt(d)
-    return LpvDs(
-        mixture=GaussianMixture(
-            weights=generator.dirichlet(np.full(K, 5.0)),
-            means=0.05 * generator.normal(size=(K, d)),
-            covariances=roots @ roots.transpose(0, 2, 1) + 1e-4 * np.eye(d),
-        ),
-        matrices=-(halves @ halves.transpose(0, 2, 1)) - 0.5 * np.eye(d) + 2.0 * (skew - skew.transpose(0, 2, 1)),
-        goal=0.02 * generator.normal(size=d),
-        lyapunov_matrix=np.eye(d),
-    )
+    return linear(np.zeros(d), rate=2.0)
 
 
 def controller(
@@ -164,7 +146,7 @@ def clear_between(ball: Sphere, a: np.ndarray, b: np.ndarray) -> float:
 @given(seeds, st.integers(2, 3), st.sampled_from([ROBUST, PAPER, PLAIN]))
 def test_without_obstacles_it_makes_the_steps_of_a_roll_out(seed: int, d: int, coupling: Coupling) -> None:
     generator = np.random.default_rng(seed)
-    model = bent_model(generator, d)
+    model = bent(generator, d)
     start = generator.normal(size=d)
     start = model.goal + 0.1 * start / np.linalg.norm(start)
     path = roll_out(model, start, coupling, (), RoasPlusParameters())
@@ -181,7 +163,7 @@ def test_among_obstacles_it_makes_the_steps_of_a_roll_out(
     seed: int, d: int, method: Avoidance, coupling: Coupling, moving: bool
 ) -> None:
     generator = np.random.default_rng(seed)
-    model = bent_model(generator, d)
+    model = bent(generator, d)
     goal = np.asarray(model.goal)
     start = generator.normal(size=d)
     start = goal + 0.15 * start / np.linalg.norm(start)
@@ -508,7 +490,7 @@ def test_a_margin_is_kept_on_the_way_back() -> None:
 def bent_scene(seed: int, d: int) -> tuple[LpvDs, np.ndarray, Sphere, np.random.Generator]:
     """A system, a start at 15 cm from its goal, a sphere half way."""
     generator = np.random.default_rng(seed)
-    model = bent_model(generator, d)
+    model = bent(generator, d)
     goal, towards = np.asarray(model.goal), generator.normal(size=d)
     start = goal + 0.15 * towards / np.linalg.norm(towards)
     ball = Sphere(centre=tuple(0.5 * (start + goal)), radius=float(generator.uniform(0.01, 0.05)))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import linear
 
 from pipeline.errors import ParameterError
 from pipeline.validation import validate_as
@@ -67,8 +68,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def line_model(rate: float = 2.0) -> LpvDs:
     """xdot = -rate x: straight to the goal at the origin."""
-    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, 2)), covariances=np.eye(2)[None])
-    return LpvDs(mixture=mixture, matrices=-rate * np.eye(2)[None], goal=np.zeros(2), lyapunov_matrix=np.eye(2))
+    return linear(np.zeros(2), rate)
 
 
 def random_model(generator: np.random.Generator, d: int) -> LpvDs:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import bent, linear
 from scipy.optimize import brentq
 
 from pipeline.errors import ParameterError
 from stages.dynamics.lpvds import LpvDs
-from stages.mixture.gaussian import GaussianMixture
 from stages.policy.avoidance.apf import push_off
 from stages.policy.avoidance.avoid import TOUCH
 from stages.policy.avoidance.cbf import keep_clear
@@ -76,29 +76,6 @@ def box(centre: list[float], half_extents: list[float]) -> Shapes:
     shapes.kinds[0], shapes.centres[0] = 1, centre
     shapes.measures[0] = [0.0, math.hypot(*half_extents), *half_extents]
     return shapes
-
-
-def straight_model(d: int) -> LpvDs:
-    """xdot = -x: straight to the goal at the origin."""
-    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, d)), covariances=np.eye(d)[None])
-    return LpvDs(mixture=mixture, matrices=-np.eye(d)[None], goal=np.zeros(d), lyapunov_matrix=np.eye(d))
-
-
-def curved_model(generator: np.random.Generator, d: int) -> LpvDs:
-    """A certified system whose ways bend: A_k = -(positive definite) + skew."""
-    K = int(generator.integers(1, 5))
-    roots = 0.02 * generator.normal(size=(K, d, d))
-    halves, skew = generator.normal(size=(2, K, d, d)) / math.sqrt(d)
-    return LpvDs(
-        mixture=GaussianMixture(
-            weights=generator.dirichlet(np.full(K, 5.0)),
-            means=0.1 * generator.normal(size=(K, d)),
-            covariances=roots @ roots.transpose(0, 2, 1) + 1e-4 * np.eye(d),
-        ),
-        matrices=-(halves @ halves.transpose(0, 2, 1)) - 0.5 * np.eye(d) + 2.0 * (skew - skew.transpose(0, 2, 1)),
-        goal=0.02 * generator.normal(size=d),
-        lyapunov_matrix=np.eye(d),
-    )
 
 
 def roll_out(
@@ -182,17 +159,17 @@ def test_potential_field_misses_a_goal_in_the_range_of_an_obstacle() -> None:
     # On the axis x' = -x + gain (.1/h - 1) (.1/h)^2, h = x + .05: the state stands where this is 0.
     gain, start = 0.05, np.array([0.5, 0.0])
     stands = brentq(lambda x: -x + gain * (0.1 / (x + 0.05) - 1.0) * (0.1 / (x + 0.05)) ** 2, 0.0, 0.049)
-    path = roll_out(straight_model(2), ApfParameters(gain=gain), start, ball([-0.15, 0.0], radius=0.1))
+    path = roll_out(linear(np.zeros(2)), ApfParameters(gain=gain), start, ball([-0.15, 0.0], radius=0.1))
     assert path.outcome is Outcome.TRAPPED
     assert stands > 0.02
     assert path.x[-1] == pytest.approx([stands, 0.0], abs=2e-4)
     # Other methods arrive there, and so does this one where the goal is out of range.
     for method in (CbfParameters(), ModulationParameters(), RoasPlusParameters()):
-        other = roll_out(straight_model(2), method, start, ball([-0.15, 0.0], radius=0.1))
+        other = roll_out(linear(np.zeros(2)), method, start, ball([-0.15, 0.0], radius=0.1))
         assert other.outcome is Outcome.ARRIVED
-    near = roll_out(straight_model(2), ApfParameters(gain=gain), start, ball([-0.2, 0.0], radius=0.1))
+    near = roll_out(linear(np.zeros(2)), ApfParameters(gain=gain), start, ball([-0.2, 0.0], radius=0.1))
     assert near.outcome is Outcome.ARRIVED
-    short = roll_out(straight_model(2), ApfParameters(gain=gain, range=0.04), start, ball([-0.15, 0.0], radius=0.1))
+    short = roll_out(linear(np.zeros(2)), ApfParameters(gain=gain, range=0.04), start, ball([-0.15, 0.0], radius=0.1))
     assert short.outcome is Outcome.ARRIVED
 
 
@@ -294,10 +271,10 @@ def test_modulation_fades_with_distance() -> None:
 
 def test_modulation_stands_head_on_and_passes_otherwise() -> None:
     shapes = ball([0.2, 0.0], radius=0.1)
-    head_on = roll_out(straight_model(2), ModulationParameters(), np.array([0.5, 0.0]), shapes)
+    head_on = roll_out(linear(np.zeros(2)), ModulationParameters(), np.array([0.5, 0.0]), shapes)
     assert head_on.outcome is Outcome.TRAPPED
     assert head_on.x[-1] == pytest.approx([0.3, 0.0], abs=1e-5)
-    beside = roll_out(straight_model(2), ModulationParameters(), np.array([0.5, 0.01]), shapes)
+    beside = roll_out(linear(np.zeros(2)), ModulationParameters(), np.array([0.5, 0.01]), shapes)
     assert beside.outcome is Outcome.ARRIVED
     assert beside.clearance.min() > 0.0
 
@@ -305,8 +282,8 @@ def test_modulation_stands_head_on_and_passes_otherwise() -> None:
 def test_modulation_in_long_steps_enters_an_obstacle() -> None:
     # It bends the velocity at the start of a step, and nothing watches its end.
     shapes, start = ball([0.2, 0.0], radius=0.1), np.array([0.5, 0.001])
-    assert roll_out(straight_model(2), ModulationParameters(), start, shapes, dt=1.0).outcome is Outcome.COLLIDED
-    assert roll_out(straight_model(2), CbfParameters(), start, shapes, dt=1.0).clearance.min() >= -TOUCH
+    assert roll_out(linear(np.zeros(2)), ModulationParameters(), start, shapes, dt=1.0).outcome is Outcome.COLLIDED
+    assert roll_out(linear(np.zeros(2)), CbfParameters(), start, shapes, dt=1.0).clearance.min() >= -TOUCH
 
 
 # Control barrier function.
@@ -399,22 +376,22 @@ def test_barrier_takes_the_admissible_velocity_nearest_to_f(seed: int, d: int, m
 def test_barrier_stands_exactly_head_on(d: int) -> None:
     start, centre = 0.5 * np.eye(d)[0], 0.2 * np.eye(d)[0]
     shapes = ball(centre.tolist(), radius=0.1)
-    head_on = roll_out(straight_model(d), CbfParameters(), start, shapes)
+    head_on = roll_out(linear(np.zeros(d)), CbfParameters(), start, shapes)
     assert head_on.outcome is Outcome.TRAPPED
     assert head_on.x[-1] == pytest.approx(0.3 * np.eye(d)[0], abs=1e-6)
     # A second without progress, not before.
     waited = len(head_on.x) - int(np.argmax(np.abs(head_on.x[:, 0] - 0.3) < 1e-3))
     assert waited >= 100
     # Off the axis by 2 % it slides past; ROAS+ needs no such luck.
-    beside = roll_out(straight_model(d), CbfParameters(), start + 0.01 * np.eye(d)[1], shapes)
+    beside = roll_out(linear(np.zeros(d)), CbfParameters(), start + 0.01 * np.eye(d)[1], shapes)
     assert beside.outcome is Outcome.ARRIVED
-    assert roll_out(straight_model(d), RoasPlusParameters(), start, shapes).outcome is Outcome.ARRIVED
+    assert roll_out(linear(np.zeros(d)), RoasPlusParameters(), start, shapes).outcome is Outcome.ARRIVED
 
 
 def test_barrier_before_an_obstacle_that_moves_waits_to_the_end_of_time() -> None:
     # It drives the state before it: what moves may leave yet, so this is no trap.
     shapes = ball([0.2, 0.0], radius=0.1, velocity=[0.01, 0.0])
-    path = roll_out(straight_model(2), CbfParameters(), np.array([0.5, 0.0]), shapes)
+    path = roll_out(linear(np.zeros(2)), CbfParameters(), np.array([0.5, 0.0]), shapes)
     assert path.outcome is Outcome.TIMEOUT
     assert path.x[-1, 0] == pytest.approx(0.3 + 0.01 * 20.0, abs=1e-6)
     assert path.clearance.min() >= -TOUCH
@@ -424,7 +401,7 @@ def test_barrier_before_an_obstacle_that_moves_waits_to_the_end_of_time() -> Non
 @given(seeds, st.integers(2, 3), st.floats(0.002, 0.1))
 def test_barrier_never_collides_with_standing_spheres(seed: int, d: int, dt: float) -> None:
     generator = np.random.default_rng(seed)
-    model = curved_model(generator, d)
+    model = bent(generator, d, spread=0.1)
     start = np.asarray(model.goal + generator.normal(size=d) * 0.2)
     way = roll_out(model, NoAvoidance(), start, no_shapes(d), dt).x
     shapes = random_scene(way, dt, start[None], RandomScenes(apart=-0.05), generator)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scenes import linear
 
-from stages.dynamics.lpvds import LpvDs
-from stages.mixture.gaussian import GaussianMixture
 from stages.policy.avoidance.method import resolve_avoidance
 from stages.policy.avoidance.parameters import NoAvoidance, RoasParameters, RoasPlusParameters
 from stages.policy.avoidance.roas import lorentz, repel
@@ -71,18 +70,12 @@ def stepped(
     return np.asarray((x_next - x) / DT)
 
 
-def straight_model(d: int) -> LpvDs:
-    """xdot = -x: straight to the goal at the origin."""
-    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, d)), covariances=np.eye(d)[None])
-    return LpvDs(mixture=mixture, matrices=-np.eye(d)[None], goal=np.zeros(d), lyapunov_matrix=np.eye(d))
-
-
 def roll_out(method: Method, start: list[float], centre: list[float], radius: float, scale: float = 1.0) -> Path:
     """A roll-out past one sphere, all numbers of length multiplied by `scale`."""
     begin, shapes = scale * np.array(start), spheres(scale * np.array([centre]), np.array([scale * radius]))
     avoidance = resolve_avoidance(method, scale, 0.01, math.inf, "avoidance")
     return run_case(
-        Rules(field_of(straight_model(len(start)), "cayley"), PLAIN, avoidance),
+        Rules(field_of(linear(np.zeros(len(start))), "cayley"), PLAIN, avoidance),
         shapes,
         shapes,
         no_pushes(len(start)),
