@@ -170,7 +170,7 @@ def _point(table: dict[str, Any], overrides: Mapping[str, Any], stages: Sequence
         given = table.get(stage.name, {})
         if not isinstance(given, dict):
             raise ParameterError(stage.name, "must be a table of parameters.")
-        resolved[stage.name] = validate(stage, _with_preset(given, stage.presets.get(preset, {})))
+        resolved[stage.name] = validate(stage, _with_preset(given, stage.preset(preset, given)))
     return Point(id=_label(overrides), overrides=dict(overrides), seed=seed, parameters=resolved)
 
 

@@ -176,7 +176,7 @@ class _Scheduler:
         self.waiters[task.key] = [progress]
         try:
             self.running[self.executor.submit(execute, task)] = task.key
-        except BrokenExecutor:
+        except (BrokenExecutor, OSError):  # OSError: a worker has just died, and its pool has not noticed
             del self.waiters[task.key]
             self._fail(_dead_worker(stage.name, point.id), point.id, stage.name)
 

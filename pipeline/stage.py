@@ -40,10 +40,19 @@ def parameters(cls: type[T]) -> type[T]:
 
 @dataclass(frozen=True, kw_only=True)
 class Port:
-    """One artifact that a stage writes: a file in the store, known to later stages by `name`."""
+    """One artifact that a stage writes, known to later stages by `name`.
+
+    Attributes:
+        name: of the artifact.
+        filename: of the file, or the folder.
+        folder: whether it is a folder of files, without folders in it.
+        kinds: of the parameters with which it is written; (): always.
+    """
 
     name: str
     filename: str
+    folder: bool = False
+    kinds: tuple[str, ...] = ()
 
 
 @dataclass(kw_only=True)
@@ -114,6 +123,7 @@ class Stage:
         outputs: what it writes.
         run: does the work.
         presets: preset -> parameters that it sets below those of the experiment file.
+        kind_presets: kind -> preset -> parameters, of kinds for which `presets` does not speak.
         implementations: kind -> ``module:function``; the selected one counts in the key, the others do not.
         libraries: distributions whose version counts in the key; `kind_libraries`: more of them, by kind.
         random: whether the experiment's seed counts in the key.
@@ -133,6 +143,7 @@ class Stage:
     outputs: tuple[Port, ...]
     run: Callable[[StageContext], None]
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    kind_presets: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
     implementations: Mapping[str, str] = field(default_factory=dict)
     libraries: tuple[str, ...] = ()
     kind_libraries: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -144,6 +155,15 @@ class Stage:
     summarise: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] | None = None
     tables: Callable[[Mapping[str, Path]], Mapping[str, list[dict[str, Any]]]] | None = None
     warm: str = ""
+
+    def preset(self, name: str, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What a preset sets below the given parameters, which may name a kind."""
+        return self.kind_presets.get(str(given.get("kind", "")), self.presets).get(name, {})
+
+    def ports(self, chosen: Any) -> tuple[Port, ...]:
+        """What is written with the chosen parameters."""
+        kind = str(getattr(chosen, "kind", ""))
+        return tuple(port for port in self.outputs if not port.kinds or kind in port.kinds)
 
     def modules(self, chosen: Any) -> tuple[str, ...]:
         """Modules from which the code digest starts, for the chosen parameters."""

@@ -1,8 +1,8 @@
 """The store: content-addressed objects and action records, written so that a crash leaves nothing to trust.
 
-``objects/ab/abcd…`` is a file named by its sha256; ``actions/<key>.json`` says which objects a stage key led to, and in
-which environment. Both appear whole or not at all: temporary file, fsync, rename or link. There are no locks; the first
-writer of an action record wins. Digests are checked on read.
+``objects/ab/abcd…`` is a file named by its sha256, or a folder named by that of its listing; ``actions/<key>.json``
+says which objects a stage key led to, and in which environment. Both appear whole or not at all: temporary file, fsync,
+rename or link. There are no locks; the first writer of an action record wins. Digests are checked on read.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FOLDER = Path("runs") / ".store"
 
 @dataclass(frozen=True, kw_only=True)
 class Artifact:
-    """A file in the store: sha256 and size in bytes."""
+    """A file or a folder of files in the store: sha256 and size in bytes."""
 
     digest: str
     size: int
@@ -70,18 +70,24 @@ class Store:
         """Whether the object is there and its bytes are those of its digest."""
         path = self.path(artifact.digest)
         try:
-            return path.stat().st_size == artifact.size and file_digest(path) == artifact.digest
+            return size(path) == artifact.size and digest(path) == artifact.digest
         except OSError:
             return False
 
     def add(self, path: Path) -> Artifact:
-        """Move a file (of the same file system) into the store. Raises StoreError."""
+        """Move a file or a folder (of the same file system) into the store. Raises StoreError."""
         with self._writing():
-            artifact = Artifact(digest=file_digest(path), size=path.stat().st_size)
+            artifact = Artifact(digest=digest(path), size=size(path))
             target = self.path(artifact.digest)
             target.parent.mkdir(parents=True, exist_ok=True)
-            path.chmod(0o444)
-            _sync(path)
+            for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+                file.chmod(0o444)
+                _sync(file)
+            if path.is_dir():
+                if self.holds(artifact):
+                    return artifact
+                shutil.rmtree(target, ignore_errors=True)
+                _sync(path)
             path.replace(target)
             _sync(target.parent)
         return artifact
@@ -136,6 +142,19 @@ def file_digest(path: Path) -> str:
     """The sha256 of a file's bytes, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def digest(path: Path) -> str:
+    """The sha256 of a file, or of a folder: over the names and digests of its files, sorted."""
+    if not path.is_dir():
+        return file_digest(path)
+    listing = "".join(f"{file_digest(file)}  {file.name}\n" for file in sorted(path.iterdir()))
+    return hashlib.sha256(listing.encode()).hexdigest()
+
+
+def size(path: Path) -> int:
+    """Bytes of a file, or of all files of a folder."""
+    return sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -48,14 +48,15 @@ def validate_as(declared: Any, location: str, given: Mapping[str, Any]) -> Any:
         chosen = kinds[given["kind"]]
     else:
         chosen = members[0]
+    text = json.dumps(given, default=_plain)
     try:
         # From JSON, so that lists become tuples while strict types stay strict.
-        return _adapter(chosen).validate_json(json.dumps(given, default=_plain))
+        return _adapter(chosen).validate_json(text)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         # A name that is misspelt is a better message than that the right one is missing.
         first = next((problem for problem in problems if problem["type"] not in _MISSING), problems[0])
-        raise _translate(location, chosen, given, first) from None
+        raise _translate(location, chosen, json.loads(text), first) from None
 
 
 def _plain(value: Any) -> Any:
@@ -90,7 +91,7 @@ def _translate(stage: str, cls: type, given: Any, problem: Any) -> ParameterErro
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         owner = _owner(cls, given, location[:-1])
         return ParameterError(dotted, f"unknown parameter; {choices(str(location[-1]), _names(owner))}")
-    if kind in _MISSING:
+    if kind in _MISSING and isinstance(problem["loc"][-1], str):
         return ParameterError(dotted, "must be given.")
     if kind == "union_tag_invalid":
         valid = [text.strip("' ") for text in str(context["expected_tags"]).split(",")]
@@ -99,10 +100,12 @@ def _translate(stage: str, cls: type, given: Any, problem: Any) -> ParameterErro
         )
     if kind == "union_tag_not_found":
         return ParameterError(f"{dotted}.kind", "must be given.")
-    if kind == "too_short":
-        return ParameterError(
-            dotted, f"must have at least {context['min_length']} entries, not {context['actual_length']}."
-        )
+    if kind in ("too_short", "too_long", *_MISSING):
+        exactly = _entries(cls, given, location)
+        limit = exactly or context.get("min_length", context.get("max_length"))
+        bound = "" if exactly else "at least " if kind == "too_short" else "at most "
+        noun = "entry" if limit == 1 else "entries"
+        return ParameterError(dotted, f"must have {bound}{limit} {noun}, not {len(_at(given, location))}.")
     if kind == "literal_error":
         return ParameterError(dotted, f"must be {context['expected']}, not {problem['input']!r}.")
     message = str(context.get("error", problem["msg"])).removeprefix("Input ").rstrip(".")
@@ -118,7 +121,9 @@ def _location(given: Any, loc: tuple[Any, ...]) -> list[Any]:
     here = given
     told = False  # the member's name has been passed: a field of the same name may follow
     for index, part in enumerate(loc):
-        inside = (isinstance(here, dict) and part in here) or (isinstance(here, list) and isinstance(part, int))
+        inside = (isinstance(here, dict) and part in here) or (
+            isinstance(here, list) and isinstance(part, int) and part < len(here)
+        )
         if inside:
             here, told = here[part], False
             location.append(part)
@@ -127,6 +132,36 @@ def _location(given: Any, loc: tuple[Any, ...]) -> list[Any]:
         else:
             told = True
     return location
+
+
+def _at(given: Any, location: list[Any]) -> Any:
+    """What is given at a location."""
+    return functools.reduce(lambda here, part: here[part], location, given)
+
+
+def _entries(cls: Any, given: Any, location: list[Any]) -> int | None:
+    """How many entries the list at a location must have; none: no one number is declared."""
+    named = max((depth for depth, part in enumerate(location) if isinstance(part, str)), default=-1)
+    if named < 0:
+        return None
+    owner = _owner(cls, given, location[:named])
+    hint = typing.get_type_hints(owner, include_extras=True).get(location[named])
+    for part in location[named + 1 :]:
+        arguments = _tuple(hint)
+        if not arguments:
+            return None
+        hint = arguments[0 if Ellipsis in arguments else min(part, len(arguments) - 1)]
+    for limits in getattr(hint, "__metadata__", ()):
+        shortest = getattr(limits, "min_length", None)
+        if shortest and shortest == getattr(limits, "max_length", None):
+            return int(shortest)
+    arguments = _tuple(hint)
+    return len(arguments) if arguments and Ellipsis not in arguments else None
+
+
+def _tuple(hint: Any) -> tuple[Any, ...]:
+    """The types of the entries of a tuple, or of the tuple among the members of a union; none: there is no tuple."""
+    return next((typing.get_args(member) for member in _members(hint) if typing.get_origin(member) is tuple), ())
 
 
 def _owner(cls: Any, given: Any, location: list[Any]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ from pipeline.manifest import read_manifest
 from pipeline.plan import Examined, State
 from pipeline.project import Project
 from pipeline.stage import Stage
-from pipeline.store import write_atomically
+from pipeline.store import size, write_atomically
 from pipeline.values import flatten, plain
 
 
@@ -314,7 +315,7 @@ def collect_garbage(project: Project, console: Console, names: Sequence[str], *,
     actions = [path for path in sorted(store.folder.glob("actions/*.json")) if path.stem not in kept_keys]
     objects = [path for path in sorted(store.folder.glob("objects/*/*")) if path.name not in kept_objects]
     failures = [path for path in sorted(store.folder.glob("failed/*/*")) if path.is_file()]
-    size = sum(path.stat().st_size for path in (*actions, *objects, *failures))
+    bytes_ = sum(size(path) for path in (*actions, *objects, *failures))
     if not dry_run:
         _remove((*actions, *objects, *failures))
         for folder in {path.parent for path in failures}:
@@ -322,13 +323,16 @@ def collect_garbage(project: Project, console: Console, names: Sequence[str], *,
                 folder.rmdir()
     word = "would be removed" if dry_run else "removed"
     failed = f" and {len(failures)} failed programs" if failures else ""
-    console.result(f"{len(actions)} results and {len(objects)} objects{failed}, {size / 1e6:.1f} MB, {word}.")
-    console.document({"actions": len(actions), "objects": len(objects), "bytes": size, "removed": not dry_run})
+    console.result(f"{len(actions)} results and {len(objects)} objects{failed}, {bytes_ / 1e6:.1f} MB, {word}.")
+    console.document({"actions": len(actions), "objects": len(objects), "bytes": bytes_, "removed": not dry_run})
 
 
 def _remove(paths: Iterable[Path]) -> None:
     for path in paths:
         try:
-            path.unlink(missing_ok=True)
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
         except OSError as error:
             raise StoreError(f"{path.name} in the store cannot be removed: {error.strerror}.") from None

@@ -56,7 +56,7 @@ def execute(task: Task) -> tuple[dict[str, Any], float]:
             parameters=task.parameters,
             inputs={name: task.store.path(artifact.digest) for name, artifact in task.inputs.items()},
             sources=task.sources,
-            outputs={port.name: folder / port.filename for port in stage.outputs},
+            outputs={port.name: folder / port.filename for port in stage.ports(task.parameters)},
             seed=task.seed,
             failures=task.store.folder / "failed" / task.key[:12],
         )
@@ -65,9 +65,10 @@ def execute(task: Task) -> tuple[dict[str, Any], float]:
             # for the command's result.
             with threadpool_limits(1), contextlib.redirect_stdout(sys.stderr):
                 stage.run(context)
-                for name, path in context.outputs.items():
-                    if not path.is_file() or path.is_symlink():
-                        raise ExecutionError(f"{place} did not write its output {name}.", stage.name, task.point)
+                for port in stage.ports(task.parameters):
+                    path = context.outputs[port.name]
+                    if not (path.is_dir() if port.folder else path.is_file()) or path.is_symlink():
+                        raise ExecutionError(f"{place} did not write its output {port.name}.", stage.name, task.point)
                 metrics = _figures(stage.headline(context.outputs))
         except ClpvError:
             raise

@@ -147,6 +147,8 @@ def _array(values: Any, kind: pa.DataType) -> pa.Array:
 def _values(column: pa.ChunkedArray) -> NDArray[Any]:
     if pa.types.is_floating(column.type):
         return np.asarray(column.to_numpy(), dtype=np.float64)
+    if column.null_count == len(column):
+        return np.full(len(column), None, dtype=object)
     if pa.types.is_list(column.type):
         values = np.empty(len(column), dtype=object)
         values[:] = [np.asarray(item, dtype=np.float64) for item in column.to_pylist()]

@@ -21,7 +21,7 @@ from stages.cli import VERBS, app, templates
 ROOT = Path(__file__).resolve().parents[2]
 
 GENERIC = ["run", "status", "show", "list", "diff", "verify", "new", "gc", "doctor"]
-VERB_NAMES = sorted([*VERBS, *GENERIC, "ingest", "info", "report"])
+VERB_NAMES = sorted([*VERBS, *GENERIC, "ingest", "info", "teleop", "report"])
 
 HELP = """\
 Usage: clpv [OPTIONS] COMMAND [ARGS]...
@@ -47,6 +47,7 @@ Commands:
   doctor   Check this machine: Python, libraries, store, workers.
   ingest   Read demonstrations; with sources, make the experiment.
   info     Show what is in a recording, and how to ingest it.
+  teleop   Record demonstrations: one master leads two arms.
   fit      Fit the policy: midpoint, mixture and dynamics.
   rollout  Run the policy in simulation, up to the roll-outs.
   eval     Bring an experiment up to its metrics, and show them.

@@ -123,12 +123,20 @@ def kind_of(member):
 def test_stages_fit_together(reference):
     stage = load(reference)
     assert reference.startswith(f"stages.{stage.name}.")
-    earlier = {port.name for other in STAGES[: STAGES.index(reference)] for port in load(other).outputs}
-    assert set(stage.inputs) <= earlier
-    assert set(stage.presets) <= set(PRESETS)
     members = typing.get_args(stage.parameters) or (stage.parameters,)
-    for preset in stage.presets.values():
-        (spoken_of,) = [m for m in members if len(members) == 1 or kind_of(m) == preset["kind"]]
+    kinds = [kind_of(member) for member in members] if len(members) > 1 else []
+    # Only what every kind writes can be read by a later stage.
+    earlier = [port for other in STAGES[: STAGES.index(reference)] for port in load(other).outputs]
+    assert set(stage.inputs) <= {port.name for port in earlier if not port.kinds}
+    assert len({port.name for port in (*earlier, *stage.outputs)}) == len(earlier) + len(stage.outputs)
+    assert all(set(port.kinds) <= set(kinds) for port in stage.outputs)
+    assert set(stage.presets) <= set(PRESETS)
+    assert all(set(presets) <= set(PRESETS) for presets in stage.kind_presets.values())
+    assert {*stage.kind_presets, *stage.kind_libraries} <= set(kinds)
+    spoken = [(preset.get("kind", kinds[0] if kinds else ""), preset) for preset in stage.presets.values()]
+    spoken += [(kind, preset) for kind, presets in stage.kind_presets.items() for preset in presets.values()]
+    for kind, preset in spoken:
+        (spoken_of,) = [m for m in members if not kinds or kind_of(m) == kind]
         assert set(preset) <= set(spoken_of.__dataclass_fields__)
     for kind in stage.implementations:
         assert callable(stage.implementation(kind))
@@ -141,6 +149,7 @@ def test_every_library_that_a_stage_reaches_is_declared(reference):
     """Numerical libraries that the reached modules import are in the key by their version."""
     stage = load(reference)
     numerical = {"numpy", "scipy", "numba", "clarabel", "pyarrow", "cvxpy", "rosbags", "mcap", "pytransform3d"}
+    numerical |= {"pybullet", "pygame", "rerun"}
     for kind in [*stage.implementations] or [None]:
         modules = [reference.partition(":")[0]]
         modules += [stage.implementations[kind].partition(":")[0]] if kind else []

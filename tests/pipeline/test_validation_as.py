@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pytest
+from annotated_types import Len, MinLen
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Discriminator
@@ -15,6 +17,7 @@ from pipeline.stage import Positive, Stage, parameters
 from pipeline.validation import validate, validate_as
 from stages.policy.avoidance.parameters import Avoidance, Box, Obstacle, RoasPlusParameters, Sphere
 from stages.rollout.parameters import ClpvdsController, Controller
+from stages.world.parameters import Scene
 
 
 @parameters
@@ -32,6 +35,21 @@ class Bar:
     kind: Literal["bar"] = "bar"
     length: Positive
     ends: tuple[Annotated[Ring | Plate, Discriminator("kind")], ...] = ()
+
+
+@parameters
+class Plan:
+    """Lists of so many entries, fixed by their type, by their limits, or free upwards; some of them optional."""
+
+    kind: Literal["plan"] = "plan"
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    one: tuple[int] = (0,)
+    pair: Annotated[tuple[Positive, ...], Len(2, 2)] = (1.0, 2.0)
+    some: Annotated[tuple[float, ...], MinLen(2)] = (0.0, 0.0)
+    few: Annotated[tuple[float, ...], Len(1, 3)] = (0.0,)
+    maybe: tuple[float, float] | None = None
+    rings: tuple[Ring, Ring] = (Ring(), Ring())
+    rows: tuple[tuple[float, float], ...] = ()
 
 
 @parameters
@@ -94,6 +112,56 @@ REFUSALS: list[tuple[Any, dict[str, Any], str, str]] = [
     (Ring, {"kind": "bar"}, "kind", "must be 'ring', not 'bar'."),
     (Ring, {"radius": [1.0]}, "radius", "should be a valid number, not [1.0]."),
 ]
+
+
+PLANS: list[tuple[dict[str, Any], str, str]] = [
+    ({"place": [0.1]}, "place", "must have 3 entries, not 1."),
+    ({"place": []}, "place", "must have 3 entries, not 0."),
+    ({"place": [1, 2, 3, 4]}, "place", "must have 3 entries, not 4."),
+    ({"place": (1.0, 2.0)}, "place", "must have 3 entries, not 2."),
+    ({"place": np.zeros(2)}, "place", "must have 3 entries, not 2."),
+    ({"place": [0.1, "a"]}, "place.1", 'should be a valid number, not "a".'),  # a wrong one before a missing one
+    ({"place": 3}, "place", "should be a valid array, not 3."),
+    ({"one": []}, "one", "must have 1 entry, not 0."),
+    ({"one": [1, 2]}, "one", "must have 1 entry, not 2."),
+    ({"pair": [1.0]}, "pair", "must have 2 entries, not 1."),
+    ({"pair": [1.0, 2.0, 3.0]}, "pair", "must have 2 entries, not 3."),
+    ({"pair": [1.0, -2.0]}, "pair.1", "should be greater than 0, not -2.0."),
+    ({"some": [1.0]}, "some", "must have at least 2 entries, not 1."),
+    ({"few": []}, "few", "must have at least 1 entry, not 0."),
+    ({"few": [1, 2, 3, 4]}, "few", "must have at most 3 entries, not 4."),
+    ({"maybe": [1.0]}, "maybe", "must have 2 entries, not 1."),
+    ({"maybe": [1.0, 2.0, 3.0]}, "maybe", "must have 2 entries, not 3."),
+    ({"rings": [{}]}, "rings", "must have 2 entries, not 1."),
+    ({"rings": [{}, {"radius": -1}]}, "rings.1.radius", "should be greater than 0, not -1."),
+    ({"rows": [[1.0, 2.0], [1.0]]}, "rows.1", "must have 2 entries, not 1."),
+    ({"rows": [[1.0, 2.0, 3.0]]}, "rows.0", "must have 2 entries, not 3."),
+    ({"plaec": [0.1], "place": [0.1]}, "plaec", "unknown parameter; did you mean 'place'?"),
+]
+
+
+@pytest.mark.parametrize(("given", "place", "sentence"), PLANS, ids=[f"{k}-{row[1]}" for k, row in enumerate(PLANS)])
+def test_lists_with_too_few_and_too_many_entries(given: Mapping[str, Any], place: str, sentence: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        validate_as(Plan, "part", given)
+    assert caught.value.location == f"part.{place}"
+    assert caught.value.problem.startswith(sentence)
+
+
+def test_lists_of_the_right_length_pass() -> None:
+    made = validate_as(
+        Plan, "part", {"place": np.arange(3.0), "maybe": [1, 2], "rows": [[1, 2], (3, 4)], "few": [1] * 3}
+    )
+    assert (made.place, made.maybe, made.rows) == ((0.0, 1.0, 2.0), (1.0, 2.0), ((1.0, 2.0), (3.0, 4.0)))
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=6))
+def test_a_place_has_three_coordinates(values: list[float]) -> None:
+    if len(values) == 3:
+        assert validate_as(Scene, "scene", {"start": values}).start == tuple(values)
+    else:
+        with pytest.raises(ParameterError, match=rf"^scene\.start: must have 3 entries, not {len(values)}\.$"):
+            validate_as(Scene, "scene", {"start": values})
 
 
 @pytest.mark.parametrize("location", ["part", "scene.parts.3"])
