@@ -59,6 +59,20 @@ class Outcome(StrEnum):
         "The start lies inside of an obstacle or within its margin: move the obstacle, or set recover = true to let "
         "the state leave it.",
     )
+    NOT_GRIPPED = (
+        "not-gripped",
+        "The pads found no box, or no steady force on it: check scene.start, scene.box and length_error; without "
+        "compliance the pads press only if they are told to go deeper than the box is wide (squeeze).",
+    )
+    LOST_BOX = (
+        "lost-box",
+        "A pad lost the box on the way: use compliance = true; with it, raise the desired force or check length_error.",
+    )
+    MISPLACED = (
+        "misplaced",
+        "The box was let go, but not upright within 20 mm of the goal: look at its slip; raise the desired force, or "
+        "lower the speed of the way.",
+    )
     SWALLOWED = (
         "swallowed",
         "Obstacles overlap, and the sphere that holds them holds the start or the goal, too: set them apart, or set "

@@ -1,0 +1,212 @@
+"""Carrying a box between two pads: approach, grip, carry along a way, set down, let go. Paper eqs. (13)-(18).
+
+In the plane across the clamp axis pads are where eq. (13) puts them, along it the admittance of eqs. (15)-(18) moves
+them out or in: hybrid force-position control. The velocity of the way is fed forward, or a moving box would cost
+D v/(k_p + 1) of force. One call a cycle, measured forces in, places of the pads out. Not here: joints (`stages/world`),
+and what happens when an arm is pushed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+from stages.policy.admittance import FORCE, OFFSET, RATE, Admittance, begin, comply, sense
+from stages.trajectory import Array
+
+TOUCH = 0.2
+"""Share of F_d from which a pad counts as touching."""
+
+SETTLED = 0.1
+"""Share of F_d within which the force has to be before the box is carried."""
+
+GRIP_TIME, GRIP_PATIENCE = 0.5, 5.0
+"""Seconds that the force has to be settled; seconds after which a grip has failed."""
+
+TOO_DEEP = 0.04
+"""Metres beyond the box's face at which a pad that still touches nothing has missed it."""
+
+LOST_TIME = 0.2
+"""Seconds without force on a pad after which the box is lost."""
+
+SET_DOWN_SPEED, SET_DOWN_DEPTH = 0.02, 0.004
+"""m/s and metres: after the way's end pads go on down until the support carries the box, at most so far."""
+
+REST = 0.3
+"""Seconds between the end of the way and letting go."""
+
+
+class Phase(StrEnum):
+    """What the arms are at."""
+
+    APPROACH = "approach"
+    GRIP = "grip"
+    CARRY = "carry"
+    SET_DOWN = "set-down"
+    RELEASE = "release"
+    DONE = "done"
+    MISSED = "missed"
+    LOST = "lost"
+
+
+ENDED = (Phase.DONE, Phase.MISSED, Phase.LOST)
+
+
+class Way(Protocol):
+    """Where the midpoint of the pads goes: a policy, or an operator."""
+
+    def step(self, midpoint: Array) -> Array:
+        """The next midpoint, shape (3,), metres, from the present one."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the way is at its end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clamp:
+    """How the box is held.
+
+    Attributes:
+        length: L, metres, as the controller knows it.
+        admittance: of both arms; none: no compliance, pads stay where eq. (13) puts them.
+        squeeze: metres that each pad goes beyond the face, without compliance.
+        stand_off: metres from the faces at which pads begin and end.
+        approach_speed: m/s, until contact.
+        release_speed: m/s.
+    """
+
+    length: float
+    admittance: Admittance | None
+    squeeze: float
+    stand_off: float
+    approach_speed: float
+    release_speed: float
+
+
+class Carrier:
+    """One box carried once.
+
+    Attributes:
+        phase: what the arms are at.
+        midpoint: array, shape (3,), metres: p_hat.
+        pads, velocities: arrays, shape (2, 3), metres and m/s: of the left and the right pad, as commanded.
+    """
+
+    def __init__(self, way: Way, start: Array, clamp: Clamp, dt: float, force: float) -> None:
+        """Begin with pads at the stand-off beside `start`, shape (3,), metres; `dt`: seconds; `force`: F_d, N."""
+        self._way, self._clamp, self._dt, self._desired = way, clamp, dt, force
+        self._admittance = clamp.admittance or Admittance(1.0, 1.0, 0.0, 0.0, force, False, 0.0, 10.0)
+        self._state = np.zeros((2, 4))
+        self._state[:, OFFSET] = clamp.stand_off
+        self.midpoint = np.array(start)
+        self.phase = Phase.APPROACH
+        self._since = self._settled = self._lost = 0.0
+        self._depth = 0.0
+        self.pads, self.velocities = np.empty((2, 3)), np.empty((2, 3))
+        self._place(np.zeros(3))
+
+    @property
+    def forces(self) -> Array:
+        """Pressing forces as the admittance sees them, filtered, shape (2,), newtons."""
+        return self._state[:, FORCE].copy()
+
+    @property
+    def offsets(self) -> Array:
+        """How far pads stand outside of their places by eq. (13), shape (2,), metres."""
+        return self._state[:, OFFSET].copy()
+
+    def step(self, measured: Array) -> None:
+        """Take in measured pressing forces, shape (2,), newtons, and move `pads` on by a cycle."""
+        sense(self._admittance, measured, self._dt, self._state)
+        self._since += self._dt
+        velocity = np.zeros(3)
+        if self.phase is Phase.APPROACH:
+            self._approach()
+        elif self.phase is Phase.RELEASE:
+            self._state[:, RATE] = self._clamp.release_speed
+            self._state[:, OFFSET] += self._dt * self._clamp.release_speed
+            if (self._state[:, OFFSET] >= self._clamp.stand_off).all():
+                self._enter(Phase.DONE)
+        elif self.phase not in ENDED:
+            self._hold()
+            if self.phase is Phase.GRIP:
+                self._grip()
+            elif self.phase is Phase.CARRY:
+                velocity = self._carry()
+            elif self.phase is Phase.SET_DOWN:
+                velocity = self._set_down()
+        self._place(velocity)
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase, self._since = phase, 0.0
+
+    def _approach(self) -> None:
+        """Each pad goes inwards until it touches; without compliance, to its place."""
+        touching = self._state[:, FORCE] >= TOUCH * self._desired
+        comply_ = self._clamp.admittance is not None
+        there = touching if comply_ else self._state[:, OFFSET] <= -self._clamp.squeeze
+        self._state[:, RATE] = np.where(there, 0.0, -self._clamp.approach_speed)
+        self._state[:, OFFSET] += self._dt * self._state[:, RATE]
+        if there.all():
+            begin(self._admittance, self._state)
+            self._enter(Phase.GRIP)
+        elif (self._state[:, OFFSET] < -TOO_DEEP).any():
+            self._enter(Phase.MISSED)
+
+    def _hold(self) -> None:
+        """Press on, and notice a box that is gone."""
+        if self._clamp.admittance is None:
+            self._state[:, RATE] = 0.0
+        else:
+            comply(self._admittance, self._dt, self._state)
+        if self.phase is Phase.CARRY and (self._state[:, FORCE] < TOUCH * TOUCH * self._desired).any():
+            self._lost += self._dt
+            if self._lost >= LOST_TIME:
+                self._enter(Phase.LOST)
+        else:
+            self._lost = 0.0
+
+    def _grip(self) -> None:
+        near = (np.abs(self._state[:, FORCE] - self._desired) <= SETTLED * self._desired).all()
+        self._settled = self._settled + self._dt if near else 0.0
+        if self._settled >= GRIP_TIME or (self._clamp.admittance is None and self._since >= GRIP_TIME):
+            self._enter(Phase.CARRY)
+        elif self._since >= GRIP_PATIENCE:
+            self._enter(Phase.MISSED)
+
+    def _carry(self) -> Array:
+        following = self._way.step(self.midpoint)
+        velocity = (following - self.midpoint) / self._dt
+        self.midpoint = np.array(following)
+        if self._way.ended:
+            self._enter(Phase.SET_DOWN)
+        return velocity
+
+    def _set_down(self) -> Array:
+        velocity = np.zeros(3)
+        if self._depth < SET_DOWN_DEPTH:
+            velocity[2] = -SET_DOWN_SPEED
+            self._depth += self._dt * SET_DOWN_SPEED
+            self.midpoint = self.midpoint + self._dt * velocity
+            self._since = 0.0
+        elif self._since >= REST:
+            self._enter(Phase.RELEASE)
+        return velocity
+
+    def _place(self, velocity: Array) -> None:
+        """Put the pads beside the midpoint. Paper eqs. (13), (18)."""
+        for arm, side in enumerate((1.0, -1.0)):
+            self.pads[arm] = self.midpoint
+            self.pads[arm, 1] += side * (0.5 * self._clamp.length + self._state[arm, OFFSET])
+            self.velocities[arm] = velocity
+            self.velocities[arm, 1] += side * self._state[arm, RATE]
+
+
+def tilt(turn: Array) -> Array:
+    """Angle of a box's vertical axis from the vertical, degrees. `turn`: quaternions x y z w, shape (..., 4)."""
+    upright = 1.0 - 2.0 * (turn[..., 0] ** 2 + turn[..., 1] ** 2)
+    return np.asarray(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))

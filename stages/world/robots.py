@@ -1,0 +1,216 @@
+"""The arms that the simulated world knows: description, posture, and the flat pad that is put on the flange.
+
+Descriptions come with the pybullet wheel and are read in place, never copied; the arm that is loaded is made of them in
+memory: what follows the flange is left out, and a pad is fixed there. Not here: the simulation (`bullet.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import ParameterError
+from stages.trajectory import Array, frozen
+from stages.world.chain import Chain
+
+PAD = (0.10, 0.10, 0.02)
+"""Edges of a pad, metres; the third one along the tool's axis."""
+
+PAD_MASS = 0.2
+"""kg."""
+
+PAD_LINK = "clpv_pad"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """One arm, of which two are set beside each other; the right one mirrors the left one.
+
+    Attributes:
+        file: description, relative to the data of pybullet.
+        flange: link on which the pad is put; what follows it is left out.
+        stem: metres from the flange's frame to the back of the pad, along its z axis.
+        posture: of the left arm, rad, one a joint: elbow up, pad to the right.
+        mirror: +1 or -1 a joint: the right arm's posture.
+        aside: metres of each base from the middle.
+        stiffness: 1/s^2, of each joint's acceleration for its error.
+    """
+
+    file: str
+    flange: str
+    stem: float
+    posture: tuple[float, ...]
+    mirror: tuple[int, ...]
+    aside: float
+    stiffness: tuple[float, ...]
+
+
+ROBOTS = {
+    "iiwa": Robot(
+        file="kuka_iiwa/model.urdf",
+        flange="lbr_iiwa_link_7",
+        stem=0.045,
+        posture=(-0.25, 0.60, -0.07, -1.50, 1.44, -1.27, 0.55),
+        mirror=(-1, 1, -1, 1, -1, 1, -1),
+        aside=0.50,
+        # The wrist's links are light, so the same torque needs a larger factor.
+        stiffness=(400.0, 400.0, 400.0, 400.0, 1600.0, 3600.0, 6400.0),
+    ),
+    # Along the way of the box the smallest singular value stays above 0.15 and joints 0.76 rad from their limits;
+    # bases as far apart as the iiwa's leave 0.08.
+    "panda": Robot(
+        file="franka_panda/panda.urdf",
+        flange="panda_link8",
+        stem=0.0,
+        posture=(0.0, 0.13, 0.0, -2.08, -1.57, 1.58, 0.64),
+        mirror=(-1, 1, -1, 1, -1, 1, -1),
+        aside=0.30,
+        # Softer wrists let the pads turn by a degree: the upper edges of the pads carry less, and the box creeps.
+        stiffness=(400.0, 400.0, 400.0, 400.0, 1600.0, 3600.0, 6400.0),
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arm:
+    """One arm as it is loaded.
+
+    Attributes:
+        description: URDF with absolute paths.
+        chain: its kinematics; the tip is the middle of the pad's face.
+        posture: array, shape (m,), rad.
+        low, high: arrays, shape (m,), rad: limits of the joints.
+        torque: array, shape (m,), newton metres: the largest.
+        stiffness: array, shape (m,), 1/s^2.
+        turning: numbers that Bullet gives to the m joints that turn; fixed ones may lie between.
+        pad: number of the pad's joint.
+    """
+
+    description: str
+    chain: Chain
+    posture: Array
+    low: Array
+    high: Array
+    torque: Array
+    stiffness: Array
+    turning: tuple[int, ...]
+    pad: int
+
+
+def arm(name: str, left: bool, location: str) -> Arm:
+    """The left or the right arm of a robot.
+
+    Raises ParameterError where the robot's description is not to be had; `location` is its dotted place.
+    """
+    if name == "baxter":
+        raise ParameterError(
+            location,
+            "Baxter's description is not in the pybullet wheel, and its one body with two arms is not simulated yet; "
+            f"choose {' or '.join(ROBOTS)}.",
+        )
+    import pybullet_data
+
+    robot = ROBOTS[name]
+    path = Path(pybullet_data.getDataPath(), robot.file)
+    root = _with_pad(ET.parse(path).getroot(), robot, path.parent)
+    joints = _row(root)
+    turning = [joint for joint in joints if joint.get("type") == "revolute"]
+    limits = [_child(joint, "limit").attrib for joint in turning]
+    side = 1.0 if left else -1.0
+    return Arm(
+        description=ET.tostring(root, encoding="unicode"),
+        chain=_chain(joints, np.array([0.0, side * robot.aside, 0.0])),
+        posture=frozen(np.array(robot.posture) * (1.0 if left else np.array(robot.mirror))),
+        low=frozen([float(limit["lower"]) for limit in limits]),
+        high=frozen([float(limit["upper"]) for limit in limits]),
+        torque=frozen([float(limit["effort"]) for limit in limits]),
+        stiffness=frozen(robot.stiffness),
+        # Bullet numbers the joints of a row from its base, in whatever order the description has them.
+        turning=tuple(number for number, joint in enumerate(joints) if joint in turning),
+        pad=len(joints) - 1,
+    )
+
+
+def _with_pad(root: ET.Element, robot: Robot, folder: Path) -> ET.Element:
+    """The description with the pad, without what follows the flange, with absolute paths."""
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(folder / mesh.get("filename", "").removeprefix("package://")))
+    gone = {robot.flange}
+    while True:
+        more = {
+            _child(j, "child").get("link", "") for j in root.iter("joint") if _child(j, "parent").get("link") in gone
+        }
+        if more <= gone:
+            break
+        gone |= more
+    gone.remove(robot.flange)
+    for element in list(root):
+        if element.get("name") in gone or (element.tag == "joint" and _child(element, "child").get("link") in gone):
+            root.remove(element)
+    size = " ".join(map(str, PAD))
+    inertia = [PAD_MASS / 12.0 * (sum(e * e for e in PAD) - PAD[axis] ** 2) for axis in range(3)]
+    shape = f'<origin xyz="0 0 {PAD[2] / 2}"/><geometry><box size="{size}"/></geometry>'
+    root.append(
+        ET.fromstring(
+            f'<link name="{PAD_LINK}"><inertial><origin xyz="0 0 {PAD[2] / 2}"/><mass value="{PAD_MASS}"/>'
+            f'<inertia ixx="{inertia[0]}" ixy="0" ixz="0" iyy="{inertia[1]}" iyz="0" izz="{inertia[2]}"/></inertial>'
+            f"<visual>{shape}</visual><collision>{shape}</collision></link>"
+        )
+    )
+    root.append(
+        ET.fromstring(
+            f'<joint name="{PAD_LINK}" type="fixed"><parent link="{robot.flange}"/><child link="{PAD_LINK}"/>'
+            f'<origin xyz="0 0 {robot.stem}" rpy="0 0 0"/></joint>'
+        )
+    )
+    return root
+
+
+def _row(root: ET.Element) -> list[ET.Element]:
+    """The joints from the base to the pad, in order."""
+    leading = {_child(joint, "child").get("link"): joint for joint in root.iter("joint")}
+    joints, link = [], PAD_LINK
+    while link in leading:
+        joints.append(leading[link])
+        link = _child(leading[link], "parent").get("link", "")
+    return joints[::-1]
+
+
+def _chain(joints: list[ET.Element], place: Array) -> Chain:
+    origins = [joint.find("origin") for joint in joints]
+    axes = [joint.find("axis") for joint in joints]
+    return Chain(
+        place,
+        np.array([_turned(_numbers(origin, "rpy")) for origin in origins]),
+        np.array([_numbers(origin, "xyz") for origin in origins]),
+        np.array([[0.0, 0.0, 1.0] if axis is None else _numbers(axis, "xyz") for axis in axes]),
+        np.array([joint.get("type") == "revolute" for joint in joints]),
+        np.array([0.0, 0.0, PAD[2]]),
+    )
+
+
+def _child(element: ET.Element, tag: str) -> ET.Element:
+    found = element.find(tag)
+    return ET.Element(tag) if found is None else found
+
+
+def _numbers(element: ET.Element | None, name: str) -> list[float]:
+    text = None if element is None else element.get(name)
+    return [0.0, 0.0, 0.0] if text is None else [float(part) for part in text.split()]
+
+
+def _turned(rpy: list[float]) -> Array:
+    """The matrix of roll, pitch and yaw about fixed axes, rad."""
+    cr, cp, cy = (math.cos(angle) for angle in rpy)
+    sr, sp, sy = (math.sin(angle) for angle in rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
