@@ -145,6 +145,36 @@ def info(
     show_information(Console(json=json), Path(file), recover=recover)
 
 
+@app.command()
+@friendly
+def teleop(
+    name: Annotated[str, typer.Argument(help="Of the dataset: datasets/NAME.")],
+    count: Annotated[int, typer.Option(min=1, help="How many demonstrations.")] = 7,
+    master: Annotated[str, typer.Option(help="simulated, keyboard, gamepad, or replay:FILE.")] = "simulated",
+    replace: Annotated[bool, typer.Option("--replace", help="Record over what is there.")] = False,
+    sets: Sets = None,
+    seed: Seed = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Record demonstrations: one master leads two arms."""
+    from pipeline.console import Console
+    from stages.demonstrate import record_demonstrations
+
+    kind, _, file = master.partition(":")
+    chosen = [f'master.kind="{kind}"', *([f'master.file="{file}"'] if file else [])]
+    record_demonstrations(
+        open_project(STAGES),
+        Console(json=json, quiet=quiet),
+        name,
+        count=count,
+        seed=0 if seed is None else seed,
+        sets=[*chosen, *(sets or ())],
+        anew=replace,
+    )
+
+
 for _verb, (_last, _text) in VERBS.items():
     add_bring_up(app, STAGES, _verb, _last, _text)
 

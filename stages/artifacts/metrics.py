@@ -10,7 +10,7 @@ from stages.artifacts.parquet import Column, Schema, records, write
 
 SCHEMA = Schema(
     name="metrics",
-    version=4,
+    version=5,
     columns=(
         Column(name="dataset", type="text"),
         Column(name="dynamics", type="text"),
@@ -42,13 +42,28 @@ SCHEMA = Schema(
         Column(name="displaced_step", type="int"),
         Column(name="scene", type="text"),
         Column(name="traps", type="int"),
+        Column(name="compliance", type="bool"),
+        Column(name="delivered", type="bool"),
+        Column(name="dropped", type="bool"),
+        Column(name="delivery_error_mm", unit="mm"),
+        Column(name="tilt_max_deg", unit="deg"),
+        Column(name="slip_left_mm", unit="mm"),
+        Column(name="slip_right_mm", unit="mm"),
+        Column(name="slip_max_mm", unit="mm"),
+        Column(name="force_mean_n", unit="N"),
+        Column(name="force_std_n", unit="N"),
+        Column(name="force_p5_n", unit="N"),
+        Column(name="force_p95_n", unit="N"),
+        Column(name="band_fraction"),
+        Column(name="grip_ratio"),
+        Column(name="bias_n", unit="N"),
     ),
 )
 
 
 def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows; each holds all columns, None where there is nothing to say."""
-    write(path, SCHEMA, {column.name: [row[column.name] for row in rows] for column in SCHEMA.columns}, {})
+    """Write rows; a column that a row does not hold is null there."""
+    write(path, SCHEMA, {column.name: [row.get(column.name) for row in rows] for column in SCHEMA.columns}, {})
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:

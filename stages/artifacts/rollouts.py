@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from stages.artifacts.parquet import Coded, Column, Schema, header, read, vectors, write
 from stages.policy.avoidance.shapes import BOX, ELLIPSOID, RADIUS, REACH, SIZES, SPHERE, Shapes, no_shapes
+from stages.policy.carrying import Phase
 from stages.policy.outcome import Status
 from stages.trajectory import Array, frozen
 
+SIDES = ("left", "right")
+
 SCHEMA = Schema(
     name="rollouts",
-    version=2,
+    version=3,
     columns=(
         Column(name="rollout", type="label"),
         Column(name="step", type="int"),
@@ -28,6 +31,12 @@ SCHEMA = Schema(
         Column(name="lyapunov", unit="m2"),
         Column(name="clearance", unit="m"),
         Column(name="status", type="label"),
+        # Of two arms with a box; null where there are none.
+        Column(name="phase", type="label"),
+        *(c for side in SIDES for c in vectors(f"{side}_", "m")),
+        *vectors("box_", "m"),
+        *vectors("box_q", "", "xyzw"),
+        *(Column(name=f"{side}_{name}", unit="N") for name in ("force", "contact") for side in SIDES),
     ),
 )
 
@@ -52,6 +61,27 @@ class RecordedScene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedCarry:
+    """What arms and box did in a roll-out of n samples.
+
+    Attributes:
+        phase: array of text, shape (n,): what the arms were at.
+        pads: array, shape (n, 2, 3), metres: middles of the pads' faces, left and right.
+        box, turn: arrays, shapes (n, 3), metres, and (n, 4): centre of the box and its quaternion x y z w.
+        force, contact: arrays, shape (n, 2), newtons: pressing forces as measured and filtered, and as they truly were.
+        facts: what this box was: mass, friction, goal, box, compliance and more.
+    """
+
+    phase: NDArray[Any]
+    pads: Array
+    box: Array
+    turn: Array
+    force: Array
+    contact: Array
+    facts: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRollout:
     """One case as recorded: what it was, and what happened.
 
@@ -69,6 +99,7 @@ class RecordedRollout:
         lyapunov: array, shape (n,), V of x, m^2.
         clearance: array, shape (n,), metres: least distance from any obstacle since the sample before; nan: none.
         status: array of text, shape (n,): what became of the step that follows.
+        carry: of two arms with a box; none: there are none.
     """
 
     rollout: str
@@ -89,6 +120,12 @@ class RecordedRollout:
     lyapunov: Array
     clearance: Array
     status: NDArray[Any]
+    carry: RecordedCarry | None = None
+
+    @property
+    def executed(self) -> Array:
+        """What was executed, shape (n, d), metres: the pads' midpoint where there are arms, else p_hat."""
+        return self.p_hat if self.carry is None else frozen(self.carry.pads.mean(axis=1))
 
     @property
     def displaced(self) -> int:
@@ -100,6 +137,8 @@ class RecordedRollout:
         """The controller as figures and tables call it: its kind, and its mode where it has one of its own."""
         return self.controller if self.controller == "lpvds" else f"{self.controller} {self.mode}"
 
+
+CARRIED = ("phase", "pads", "box", "turn", "force", "contact")
 
 CASE = ("rollout", "controller", "mode", "avoidance", "condition", "dataset", "demo", "split", "outcome", "scene")
 
@@ -129,9 +168,12 @@ def write_rollouts(
     for index, axis in enumerate("xyz"[:d]):
         columns[f"x_{axis}"] = x[:, index]
         columns[f"p_hat_{axis}"] = p_hat[:, index]
+    if rollouts and hasattr(rollouts[0], "carried"):
+        columns |= _carry_columns(rollouts)
     cases = [
         {
             **{name: str(getattr(r, name)) for name in CASE},
+            **({"facts": r.scene_facts} if hasattr(r, "scene_facts") else {}),
             "disturbed": [list(span) for span in r.disturbed],
             "samples": length,
         }
@@ -163,9 +205,41 @@ def read_rollouts(path: Path) -> tuple[list[RecordedRollout], Array]:
                 lyapunov=frozen(columns["lyapunov"][part]),
                 clearance=frozen(columns["clearance"][part]),
                 status=columns["status"][part],
+                carry=_carry(columns, part, case["facts"]) if "facts" in case else None,
             )
         )
     return rollouts, goal
+
+
+def _carry_columns(rollouts: Sequence[Any]) -> dict[str, Any]:
+    """Columns of roll-outs of two arms; each has `carried`, its phase as codes."""
+    joined = {name: np.concatenate([getattr(r.carried, name) for r in rollouts]) for name in CARRIED}
+    columns: dict[str, Any] = {"phase": Coded(codes=joined["phase"], names=[str(phase) for phase in Phase])}
+    for axis, name in enumerate("xyz"):
+        columns[f"box_{name}"] = joined["box"][:, axis]
+        for side, word in enumerate(SIDES):
+            columns[f"{word}_{name}"] = joined["pads"][:, side, axis]
+    for axis, name in enumerate("xyzw"):
+        columns[f"box_q{name}"] = joined["turn"][:, axis]
+    for side, word in enumerate(SIDES):
+        columns[f"{word}_force"], columns[f"{word}_contact"] = joined["force"][:, side], joined["contact"][:, side]
+    return columns
+
+
+def _carry(columns: Mapping[str, Any], part: slice, facts: Mapping[str, Any]) -> RecordedCarry:
+    def stacked(*names: str) -> Array:
+        return frozen(np.column_stack([columns[name][part] for name in names]))
+
+    pads = [stacked(*(f"{side}_{axis}" for axis in "xyz")) for side in SIDES]
+    return RecordedCarry(
+        phase=columns["phase"][part],
+        pads=frozen(np.stack(pads, axis=1)),
+        box=stacked(*(f"box_{axis}" for axis in "xyz")),
+        turn=stacked(*(f"box_q{axis}" for axis in "xyzw")),
+        force=stacked(*(f"{side}_force" for side in SIDES)),
+        contact=stacked(*(f"{side}_contact" for side in SIDES)),
+        facts=facts,
+    )
 
 
 def read_scenes(path: Path) -> dict[str, RecordedScene]:
