@@ -13,16 +13,16 @@ ingest     reads recorded demonstrations                                   demon
 midpoint   one point's motion on a uniform clock, eq. (4)                  midpoints.parquet
 mixture    Gaussian mixtures over position, eq. (5): one, or candidates    mixture, assignments, sampler .parquet
 dynamics   stable dynamical system, eqs. (6)-(8), with a certificate       dynamics.parquet: all that a policy needs
-rollout    controllers x conditions x methods of avoidance x starts,       rollouts.parquet
-           eqs. (9)-(12), (19)-(23)
+rollout    controllers x conditions x methods of avoidance x starts;       rollouts.parquet, logs
+           or two arms that carry boxes, eqs. (9)-(23)
 evaluate   swept error area (26), dynamic time warping, recovery,          metrics.parquet
-           clearance
+           clearance, contact force
 =========  ==============================================================  ============================================
 
 Each stage is a folder: ``stage.py`` signs the contract of `pipeline.stage`, ``parameters.py`` declares what can be set,
 and the other modules are the mathematics, arrays in and arrays out. `stages/artifacts` holds the tables between them,
 `stages/policy` what a robot runs (in `avoidance` one file a method of keeping clear), `stages/world` what it is run
-against, `stages/figures` what the report shows.
+against, `stages/teleoperation` how it is led by hand, eqs. (1)-(3), `stages/figures` what the report shows.
 """
 
 STAGES = (

@@ -50,7 +50,15 @@ def dynamics(chosen: Sequence[Any]) -> None:
 
 
 def rollout(chosen: Sequence[Any]) -> None:
-    """Compile the roll-out loop; with all that avoids obstacles only where there are any, as this takes a while."""
+    """Compile the roll-out loop; with all that avoids obstacles only where there are any, as this takes a while.
+
+    For the simulated world, what steps policy and arms there.
+    """
+    if any(parameters.kind == "bullet" for parameters in chosen):
+        _arms()
+    chosen = [parameters for parameters in chosen if parameters.kind == "kinematic"]
+    if not chosen:
+        return
     from stages.policy.avoidance.parameters import Sphere
     from stages.rollout.parameters import Condition, RolloutParameters
     from stages.rollout.simulate import simulate
@@ -60,6 +68,29 @@ def rollout(chosen: Sequence[Any]) -> None:
         conditions.append(Condition(name="obstacle", obstacles=(Sphere(centre=(5.0, 5.0), radius=1.0),)))
     trajectory, model = _toy()
     simulate(model, [trajectory], RolloutParameters(starts="train", conditions=tuple(conditions)), 1.0)
+
+
+def _arms() -> None:
+    """One cycle of a policy, the admittance and the kinematics of an arm."""
+    from stages.policy.admittance import Admittance, begin, comply, sense
+    from stages.policy.controller import Controller
+    from stages.policy.coupling import robust_coupling
+    from stages.world.chain import reach
+    from stages.world.following import track
+    from stages.world.robots import arm
+
+    trajectory, model = _toy()
+    coupling = robust_coupling(v_max=1.0, top_speed=1.0, location="toy").compiled
+    start = trajectory.position[0]
+    Controller(model, start, dt=0.01, coupling=coupling, top_speed=1.0).step(start)
+    admittance, state = Admittance(20.0, 2000.0, 25.0, 2.0, 5.0, False, 2.0, 10.0), np.zeros((2, 4))
+    sense(admittance, np.zeros(2), 0.01, state)
+    begin(admittance, state)
+    comply(admittance, 0.01, state)
+    one = arm("iiwa", True, "toy")
+    q, at, turn = np.array(one.posture), np.array([0.5, 0.2, 0.5]), np.eye(3)
+    reach(one.chain, q, at, turn, 1, 1.0)
+    track(one.chain, q, q.copy(), at, at, turn, 0.0, np.zeros_like(q), np.zeros_like(q))
 
 
 def evaluate(chosen: Sequence[Any]) -> None:

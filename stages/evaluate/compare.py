@@ -93,6 +93,7 @@ def compare(
     reference: Trajectory,
     goal: Array,
     samples: int,
+    p_hat: Array | None = None,
 ) -> Comparison:
     """Measure one roll-out. Paper eq. (26).
 
@@ -113,6 +114,7 @@ def compare(
         reference: the demonstration.
         goal: array, shape (d,), metres.
         samples: at least 2.
+        p_hat: array, shape (n, d), metres, of the coupled system; none: what is executed.
 
     Raises:
         ValueError: the shapes of the paths differ.
@@ -121,7 +123,7 @@ def compare(
         resample_time(time, executed, samples), resample_time(reference.time, reference.position, samples)
     )
     swept = swept_error_area(resample_arc(reference.position, samples), resample_arc(executed, samples))
-    energy = lyapunov + ((executed - x) ** 2).sum(axis=1)
+    energy = lyapunov + (((executed if p_hat is None else p_hat) - x) ** 2).sum(axis=1)
     clear, steps = clearance[~np.isnan(clearance)], status[:-1]
     return Comparison(
         outcome=str(outcome),

@@ -19,6 +19,7 @@ def run(context: StageContext) -> None:
     from stages.artifacts.rollouts import read_rollouts, read_scenes
     from stages.dynamics.lpvds import velocity_error
     from stages.evaluate.compare import MM, compare
+    from stages.evaluate.force import grip
 
     references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
     rollouts, goal = read_rollouts(context.inputs["rollouts"])
@@ -30,7 +31,7 @@ def run(context: StageContext) -> None:
         compared = compare(
             time=rollout.time,
             x=rollout.x,
-            executed=rollout.p_hat,
+            executed=rollout.executed,
             gate=rollout.gate,
             lyapunov=rollout.lyapunov,
             clearance=rollout.clearance,
@@ -40,14 +41,23 @@ def run(context: StageContext) -> None:
             reference=references[rollout.dataset, rollout.demo],
             goal=goal,
             samples=context.parameters.samples,
+            p_hat=rollout.p_hat,
         )
         names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout")
         displaced = {"displaced_step": rollout.displaced if rollout.displaced >= 0 else None}
         traps = scenes[rollout.scene].traps if rollout.scene else None
         scene = {"scene": rollout.scene or None, "traps": None if traps is None else traps.shape[0]}
         field = {"dynamics": kind, "velocity_rmse_mm_s": errors[rollout.dataset, rollout.demo]}
+        held = {} if rollout.carry is None else asdict(grip(rollout.carry, rollout.outcome))
         rows.append(
-            {**{name: getattr(rollout, name) for name in names}, **field, **asdict(compared), **displaced, **scene}
+            {
+                **{name: getattr(rollout, name) for name in names},
+                **field,
+                **asdict(compared),
+                **displaced,
+                **scene,
+                **held,
+            }
         )
     write_metrics(context.outputs["metrics"], rows)
 
@@ -84,7 +94,7 @@ def headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="evaluate",
-    summary="swept error area (26), dynamic time warping, recovery",
+    summary="swept error area (26), dynamic time warping, recovery, clearance, contact force",
     parameters=EvaluateParameters,
     inputs=("midpoints", "dynamics", "rollouts"),
     outputs=(Port(name="metrics", filename="metrics.parquet"),),

@@ -9,11 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stages.figures.avoidance_deviations import avoidance
+from stages.figures.carry_deviations import carrying
 from stages.figures.conditions import when
 from stages.figures.deviation import X_DOT, Deviation, Resolved
 from stages.figures.numbers import MINUS, MM, given, joined, span
 from stages.policy.coupling import SPEED_ALLOWANCE, gate_for
-from stages.rollout.parameters import ClpvdsController, Displacement, RolloutParameters
+from stages.rollout.parameters import CarryParameters, ClpvdsController, Displacement, RolloutParameters
 
 PAPER_P_MAX = 10.0
 """1/s, for eq. (10). Paper section III-B."""
@@ -34,13 +35,21 @@ def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> l
         parameters: stage -> its validated parameters.
         resolved: one of each motion; ranges over them are given where they differ.
     """
+    rollout, dynamics = parameters["rollout"], parameters["dynamics"]
+    if isinstance(rollout, CarryParameters):
+        found = [coupling for r in resolved for coupling in r.couplings.values()]
+        cases = [*_integrator("cayley", dynamics), *_dynamics(dynamics), *_robust(found), *_proof(), *carrying(rollout)]
+    else:
+        cases = [
+            *_integrator(rollout.integrator, dynamics),
+            *_dynamics(dynamics),
+            *_coupling(rollout, resolved),
+            *_disturbances(rollout),
+            *avoidance(rollout),
+        ]
     return [
         *_mixture(parameters["mixture"]),
-        *_integrator(parameters["rollout"], parameters["dynamics"]),
-        *_dynamics(parameters["dynamics"]),
-        *_coupling(parameters["rollout"], resolved),
-        *_disturbances(parameters["rollout"]),
-        *avoidance(parameters["rollout"]),
+        *cases,
         *_data(parameters["ingest"]),
         *_metrics(parameters["evaluate"]),
     ]
@@ -179,17 +188,20 @@ def _coupling(rollout: RolloutParameters, resolved: Sequence[Resolved]) -> list[
             found = [r.couplings[f"clpvds {mode}"] for r in resolved]
             speeds = [r.top_speed for r in resolved]
             rows.extend(_robust(found) if mode == "robust" else _paper(controller, found, speeds))
-    if rows:
-        rows.append(
-            Deviation(
-                where="(24), (25)",
-                printed="A proof of stability in continuous time",
-                here="The certificate of (8), the step of (6), and V along x checked in every step of every roll-out.",
-                why="The printed proof has a wrong sign in its second line, a strict inequality where equality occurs, "
-                "and drops a term that vanishes only where the gate is exact.",
-            )
+    return [*rows, *_proof()] if rows else []
+
+
+def _proof() -> list[Deviation]:
+    """How the stability of a coupled system is known."""
+    return [
+        Deviation(
+            where="(24), (25)",
+            printed="A proof of stability in continuous time",
+            here="The certificate of (8), the step of (6), and V along x checked in every step of every roll-out.",
+            why="The printed proof has a wrong sign in its second line, a strict inequality where equality occurs, and "
+            "drops a term that vanishes only where the gate is exact.",
         )
-    return rows
+    ]
 
 
 def _robust(found: Sequence[Mapping[str, float]]) -> list[Deviation]:
@@ -242,8 +254,8 @@ def _paper(
     return rows
 
 
-def _integrator(rollout: RolloutParameters, dynamics: Any) -> list[Deviation]:
-    if rollout.integrator == "cayley":
+def _integrator(integrator: str, dynamics: Any) -> list[Deviation]:
+    if integrator == "cayley":
         state = "z = psi(x), and x^{+} = psi^{-1}(z^{+})" if dynamics.kind == "warped" else f"z = x {MINUS} x_{{g}}"
         here = (
             f"Cayley step: (I {MINUS} h A/2) z^{{+}} = (I + h A/2) z, with A = sum of gamma_{{k}}(x) A_{{k}}, {state}."

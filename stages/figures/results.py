@@ -28,7 +28,7 @@ from stages.dynamics.stage import STAGE as DYNAMICS
 from stages.figures.conditions import among_obstacles
 from stages.figures.deviation import Resolved
 from stages.figures.numbers import KINDS
-from stages.rollout.parameters import Condition, RolloutParameters
+from stages.rollout.parameters import CarryParameters, Condition, RolloutParameters
 from stages.trajectory import Array
 
 KIND = "dynamics.kind"
@@ -133,8 +133,13 @@ class PointResults:
         return log_posterior, columns["components"][own].reshape(chains, -1), criteria.get(name, {})
 
     @property
+    def carries(self) -> bool:
+        """Whether two arms carry a box."""
+        return isinstance(self.point.parameters["rollout"], CarryParameters)
+
+    @property
     def rollout_parameters(self) -> RolloutParameters:
-        """Of the rollout stage."""
+        """Of the rollout stage; where arms carry a box: `carry_cases.carry_parameters`."""
         parameters: RolloutParameters = self.point.parameters["rollout"]
         return parameters
 
@@ -172,6 +177,11 @@ class Results:
         """The roll-outs among obstacles, or those without; none: there are none."""
         points = tuple(replace(point, among=among) for point in self.points)
         return replace(self, points=points) if any(point.rows for point in points) else None
+
+    def carrying(self, *, arms: bool) -> Results | None:
+        """The points in which two arms carry a box, or the others; none: there are none."""
+        points = tuple(point for point in self.points if point.carries == arms)
+        return replace(self, points=points) if points else None
 
     @property
     def is_sweep(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from pipeline.report import Block, Code, Paragraph, Section
 from stages.evaluate.summary import by_condition
 from stages.figures.accuracy_section import accuracy_section
+from stages.figures.carry_section import carry_section, carry_sentence
 from stages.figures.certificates_section import certificates
 from stages.figures.kinds_section import kinds_section, kinds_sentence
 from stages.figures.numbers import (
@@ -35,10 +36,12 @@ from stages.figures.tables import facts, metrics
 def lead(results: Results) -> list[Block]:
     """The head: description, the result in a sentence, how to get it again."""
     experiment = results.experiment
-    free = results.own.part(among=False)
+    points = results.carrying(arms=False)
+    free = None if points is None else points.own.part(among=False)
     sentences = [
-        obstacles_sentence(results),
-        kinds_sentence(results),
+        carry_sentence(results.own.carrying(arms=True)),
+        "" if points is None else obstacles_sentence(points),
+        "" if points is None else kinds_sentence(points),
         "" if free is None else result_sentence(free.rows),
     ]
     changed = " Options of the command changed the experiment for this report." if experiment.overridden else ""
@@ -50,8 +53,12 @@ def lead(results: Results) -> list[Block]:
 
 
 def sections(results: Results) -> list[Section]:
-    """All sections, in order; those that show one kind of dynamics of several say which in their title."""
-    own, free = results.own, results.own.part(among=False)
+    """All sections, in order; those that show one kind of dynamics of several say which in their title.
+
+    Where arms carry a box, those of roll-outs of a point are left out.
+    """
+    own, points = results.own, results.carrying(arms=False)
+    free = None if points is None else points.own.part(among=False)
     without = (rollouts_section, accuracy_section, metrics, recovery_section, facts)
     shown = [
         recordings_section(own),
@@ -60,11 +67,13 @@ def sections(results: Results) -> list[Section]:
         sampler_section(own),
         deviations_section(own),
     ]
-    kinds = kinds_section(results)
+    kinds = None if points is None else kinds_section(points)
     if kinds is not None:
         of_kind = f" \u00b7 {kind_name(results.kind)}"
         shown = [section and replace(section, title=section.title + of_kind) for section in shown]
-    made = [obstacles_section(results), kinds, *shown, parameters(results), provenance(results)]
+    obstacles = None if points is None else obstacles_section(points)
+    carried = carry_section(own.carrying(arms=True))
+    made = [carried, obstacles, kinds, *shown, parameters(results), provenance(results)]
     return [section for section in made if section is not None]
 
 

@@ -123,6 +123,7 @@ def experiment_text(
         "smoothing = 0.02",
         "velocity_window = 0.02",
         "",
+        '# Two simulated arms that carry a box, instead of all that follows here: kind = "bullet".',
         "[rollout]",
         "controllers = [",
         '    { kind = "lpvds" },',

@@ -9,23 +9,22 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from pipeline.errors import DataError, ParameterError
 from stages.policy.avoidance.parameters import Avoidance, NoAvoidance
 from stages.policy.avoidance.scene import shapes_of
-from stages.policy.coupled import PLAIN, Coupling
+from stages.policy.coupled import PLAIN
 from stages.policy.coupling import check_explicit, paper_coupling, robust_coupling
 from stages.rollout.parameters import (
     Condition,
     Controller,
     Disturbance,
     LpvdsController,
-    Mode,
     Noise,
     RandomScenes,
     RolloutParameters,
 )
+from stages.rollout.results import Runner
 from stages.trajectory import Trajectory
 
 MOST_STEPS = 10_000_000
@@ -33,31 +32,6 @@ MOST_STEPS = 10_000_000
 
 NAME = re.compile(r"[\w.+-]+")
 """Of a condition or a method."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Runner:
-    """A controller with its parameters resolved.
-
-    Attributes:
-        kind: ``lpvds`` or ``clpvds``.
-        mode: ``paper`` or ``robust``; of ``lpvds``, the run's own.
-        coupling: how its executed state follows x.
-    """
-
-    kind: str
-    mode: Mode
-    coupling: Coupling
-
-    @property
-    def label(self) -> str:
-        """What the names of its roll-outs begin with."""
-        return self.kind if self.kind == "lpvds" else f"{self.kind}-{self.mode}"
-
-    @property
-    def v_max(self) -> float:
-        """Top speed of its executed state, m/s; inf: none."""
-        return self.coupling.v_max if self.coupling.v_max > 0.0 else math.inf
 
 
 def step_limit(max_duration: float, duration: float, dt: float) -> int:

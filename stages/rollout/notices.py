@@ -8,7 +8,7 @@ from stages.policy.avoidance.parameters import RoasPlusParameters
 from stages.policy.outcome import Outcome
 from stages.rollout.cases import method_name
 from stages.rollout.parameters import RolloutParameters
-from stages.rollout.simulate import Simulated
+from stages.rollout.results import Simulated
 
 REFUSED = (Outcome.GOAL_INSIDE, Outcome.START_INSIDE, Outcome.SWALLOWED)
 """Outcomes of roll-outs that never began."""

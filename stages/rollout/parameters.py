@@ -9,6 +9,8 @@ from pydantic import Discriminator
 
 from pipeline.stage import Count, NonNegative, Positive, UnitInterval, Whole, parameters
 from stages.policy.avoidance.parameters import Avoidance, Obstacle, RoasPlusParameters
+from stages.policy.parameters import AdmittanceParameters
+from stages.world.parameters import Scene
 
 Mode = Literal["paper", "robust"]
 Vector = Annotated[tuple[float, ...], MinLen(2)]
@@ -174,7 +176,7 @@ Controller = Annotated[LpvdsController | ClpvdsController, Discriminator("kind")
 
 @parameters
 class RolloutParameters:
-    """The cases of one roll-out stage: controllers x conditions x methods of avoidance x starts.
+    """Cases in the kinematic world: controllers x conditions x methods of avoidance x starts.
 
     Attributes:
         mode: of the coupled controllers that name none of their own.
@@ -189,6 +191,7 @@ class RolloutParameters:
         replicate: other random numbers, with the same seed.
     """
 
+    kind: Literal["kinematic"] = "kinematic"
     mode: Mode = "robust"
     controllers: tuple[Controller, ...] = (LpvdsController(), ClpvdsController())
     conditions: tuple[Condition, ...] = (Condition(),)
@@ -199,3 +202,67 @@ class RolloutParameters:
     stop_distance: Positive = 0.0005
     max_duration: Positive = 3.0
     replicate: Whole = 0
+
+
+@parameters
+class CarryCondition:
+    """How the box is held.
+
+    Attributes:
+        name: of the condition, as in the tables.
+        compliance: press by admittance; else pads stay where eq. (13) puts them.
+        mode: of the admittance; none: the roll-out's own.
+        length_error: by how much the controller takes the box for longer than it is, metres, beside the scene's own;
+            without compliance this decides how hard it is pressed.
+        length_spread: half width of the range, about that, from which each box's is drawn, metres.
+    """
+
+    name: str = "compliant"
+    compliance: bool = True
+    mode: Mode | None = None
+    length_error: float = 0.0
+    length_spread: NonNegative = 0.0
+
+
+@parameters
+class CarryParameters:
+    """Cases in the simulated world: conditions x boxes, each carried by two arms along the policy's way.
+
+    Attributes:
+        mode: ``paper``, eq. (17) as printed, or ``robust``; of the conditions that name none of their own.
+        scene: arms, box, start and goal, and how they vary.
+        conditions: how the box is held.
+        count: boxes under each condition; the same for all.
+        admittance: of the arms.
+        squeeze: metres that pads go beyond the faces without compliance.
+        approach_speed: of the pads until they touch, m/s.
+        stand_off: of the pads from the faces, at the start and the end, metres.
+        v_max: top speed of p_hat, m/s; none: 5 x the demonstrations' top speed.
+        dt: cycle of the controller, seconds: whole milliseconds.
+        stop_distance: the way is at its end when p_hat is this near the goal, metres.
+        max_duration: longest roll-out, seconds.
+        record: samples a second that are kept.
+        logs: whether an MCAP log of each roll-out is kept.
+        replicate: other random numbers, with the same seed.
+    """
+
+    kind: Literal["bullet"] = "bullet"
+    mode: Mode = "robust"
+    scene: Scene = Scene()
+    conditions: tuple[CarryCondition, ...] = (CarryCondition(),)
+    count: Count = 7
+    admittance: AdmittanceParameters = AdmittanceParameters()
+    squeeze: NonNegative = 0.002
+    approach_speed: Positive = 0.05
+    stand_off: Positive = 0.05
+    v_max: Positive | None = None
+    dt: Positive = 0.004
+    stop_distance: Positive = 0.001
+    max_duration: Positive = 60.0
+    record: Positive = 50.0
+    logs: bool = True
+    replicate: Whole = 0
+
+
+StageParameters = RolloutParameters | CarryParameters
+"""What the rollout stage takes, told apart by `kind`."""

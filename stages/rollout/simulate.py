@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.dynamics.lpvds import LpvDs
 from stages.policy.avoidance.method import margin_of, resolve_avoidance
@@ -19,71 +18,19 @@ from stages.policy.avoidance.parameters import Avoidance
 from stages.policy.avoidance.scene import refusal
 from stages.policy.avoidance.scratch import IGNORE
 from stages.policy.field import field_of
-from stages.policy.outcome import Outcome
 from stages.policy.policy import Rules
-from stages.rollout.cases import Runner, check, check_starts, method_name, methods_of, resolve, step_limit
+from stages.rollout.cases import check, check_starts, method_name, methods_of, resolve, step_limit
 from stages.rollout.disturbances import pushes_of
-from stages.rollout.parameters import Condition, Mode, RolloutParameters
+from stages.rollout.notices import notices
+from stages.rollout.parameters import Condition, RolloutParameters
+from stages.rollout.results import Rollout, Runner, Simulated
 from stages.rollout.run import Path, refused, run_case
 from stages.rollout.scenes import Scene, Scenes
-from stages.trajectory import Array, Trajectory, frozen
+from stages.trajectory import Trajectory, frozen
 from stages.world.disturbance import Pushes, no_pushes
 
 Draw = Callable[..., np.random.Generator]
 """Names -> the random numbers that belong to them."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rollout:
-    """One case, run; n samples, the first at the start.
-
-    Attributes:
-        rollout: unique name, e.g. ``clpvds-robust/cond1/4``; among obstacles ``lpvds/roas+/two/4``.
-        controller: ``lpvds`` or ``clpvds``.
-        mode: ``paper`` or ``robust``; of ``lpvds``, the run's own.
-        avoidance: name of the method; ``none`` where there are no obstacles.
-        condition: its name.
-        dataset, demo, split: of the demonstration that it starts from.
-        scene: name of its scene; "": there are no obstacles.
-        time: array, shape (n,), seconds.
-        x, p_hat, gate, clearance, status, disturbed, missed, outcome: as of `stages.rollout.run.Path`; p_hat of
-            ``lpvds`` is x.
-        lyapunov: array, shape (n,), V of x, square metres.
-    """
-
-    rollout: str
-    controller: str
-    mode: Mode
-    avoidance: str
-    condition: str
-    dataset: str
-    demo: str
-    split: str
-    scene: str
-    time: Array
-    x: Array
-    p_hat: Array
-    gate: NDArray[np.bool_]
-    lyapunov: Array
-    clearance: Array
-    status: NDArray[np.int8]
-    disturbed: tuple[tuple[int, int], ...]
-    missed: int
-    outcome: Outcome
-
-    @property
-    def displaced(self) -> int:
-        """First sample that a disturbance has moved; -1: there is none."""
-        return self.disturbed[0][0] if self.disturbed else -1
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Simulated:
-    """All that a stage has run: roll-outs, the scenes that they ran in, the controllers as they were completed."""
-
-    rollouts: tuple[Rollout, ...]
-    scenes: tuple[Scene, ...]
-    runners: tuple[Runner, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,7 +129,8 @@ def simulate(
         rollouts.append(_rollout(names.of(case), case, scene, path, model))
         if progress is not None:
             progress(len(rollouts), len(cases))
-    return Simulated(rollouts=tuple(rollouts), scenes=tuple(scenes.used), runners=tuple(runners))
+    found = Simulated(rollouts=tuple(rollouts), scenes=tuple(scenes.used), runners=tuple(runners))
+    return replace(found, notices=tuple(notices(found, parameters)))
 
 
 def draw_from(seed: int) -> Draw:

@@ -1,0 +1,112 @@
+"""Roll-outs in which arms carry a box, gathered by how the box was held: what a row or a picture of the report shows.
+
+Results in, groups out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from stages.artifacts.rollouts import RecordedRollout
+from stages.evaluate.summary import group
+from stages.figures.numbers import cell, kind_name
+from stages.figures.results import PointResults, Results
+from stages.policy.admittance import settled_force
+from stages.rollout.parameters import CarryParameters
+
+NO_LAW = "none"
+LAWS = {"robust": "admittance, robust", "paper": "admittance as printed", NO_LAW: "no compliance"}
+"""What tables call the laws by which arms press, by mode."""
+
+COLOURS = {"robust": "series-2", "paper": "series-3", NO_LAW: "series-1"}
+"""Name in the palette by law."""
+
+POOLED = frozenset({"rollout.replicate", "rollout.mode", "dynamics.kind"})
+"""What a sweep may set without that its roll-outs become another case: they are more of them, or told apart anyway."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held:
+    """Roll-outs whose boxes were held in the same way.
+
+    Attributes:
+        variant: what a sweep sets apart, in words; "": nothing.
+        kind: of dynamics; "": there is only one.
+        law: a key of `LAWS`.
+        condition: its name.
+        rows: of metrics.parquet, each with its point.
+        points: that have such roll-outs.
+    """
+
+    variant: str
+    kind: str
+    law: str
+    condition: str
+    rows: Sequence[dict[str, Any]]
+    points: Sequence[PointResults]
+
+    @property
+    def title(self) -> str:
+        """What pictures call it."""
+        law = {"paper": ", as printed", "robust": "", NO_LAW: ""}[self.law]
+        apart = [part for part in (self.variant, self.kind and f"{kind_name(self.kind)} dynamics") if part]
+        return ", ".join([self.condition + law, *apart])
+
+    @property
+    def rollouts(self) -> list[RecordedRollout]:
+        """With their paths, in order."""
+        wanted = {(row["point"], row["rollout"]) for row in self.rows}
+        return [r for point in self.points for r in point.rollouts if (point.point.id, r.rollout) in wanted]
+
+    @property
+    def settles(self) -> tuple[float, ...]:
+        """Forces on which the law settles, newtons, one for each value of its parameters; empty without compliance."""
+        if self.law == NO_LAW:
+            return ()
+        given = [carry_parameters(point).admittance for point in self.points]
+        return tuple(dict.fromkeys(settled_force(a.force, a.k_p) if self.law == "paper" else a.force for a in given))
+
+    @property
+    def desired(self) -> tuple[float, ...]:
+        """F_d, newtons, one for each value of the parameters."""
+        return tuple(dict.fromkeys(carry_parameters(point).admittance.force for point in self.points))
+
+
+def carry_parameters(point: PointResults) -> CarryParameters:
+    """Of the rollout stage of a point in which arms carry a box."""
+    found: CarryParameters = point.point.parameters["rollout"]
+    return found
+
+
+def held_groups(results: Results) -> list[Held]:
+    """All roll-outs by sweep, dynamics, law and condition, in the order in which they appear.
+
+    Without compliance modes do not differ: of a sweep over modes the same boxes would count twice, and those of the
+    first mode are kept.
+    """
+    points = {point.point.id: point for point in results.points}
+    several = len(results.kinds) > 1
+
+    def key(row: Any) -> tuple[str, str, str, str]:
+        point = points[row["point"]]
+        return _variant(point), point.kind if several else "", law_of(row), str(row["condition"])
+
+    found = []
+    for (variant, kind, law, condition), rows in group(results.rows, key).items():
+        kept = [dict(row) for row in rows if law != NO_LAW or row["mode"] == rows[0]["mode"]]
+        own = [points[name] for name in dict.fromkeys(row["point"] for row in kept)]
+        found.append(Held(variant=variant, kind=kind, law=law, condition=condition, rows=kept, points=own))
+    return found
+
+
+def law_of(row: Any) -> str:
+    """The law by which arms pressed in a roll-out, from its row: a key of `LAWS`."""
+    return str(row["mode"]) if row["compliance"] else NO_LAW
+
+
+def _variant(point: PointResults) -> str:
+    """What a sweep sets at a point, beside what is pooled, as in ``mass 0.6``."""
+    apart = sorted(frozenset(point.point.overrides) - POOLED - {"seed"})
+    return ", ".join(f"{name.rpartition('.')[2]} {cell(point.point.overrides[name])}" for name in apart)
