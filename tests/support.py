@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,3 +26,16 @@ def make_project(root: Path, *names: str) -> Path:
         for file in ("experiment.toml", "manifest.json"):
             shutil.copy(CHECKOUT / "runs" / name / file, folder / file)
     return root
+
+
+def run_timed(root: Path, name: str) -> tuple[dict[str, object], float]:
+    """Run an experiment in a process of its own; its document and the wall-clock seconds."""
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", "from stages.cli import app; app()", "run", name, "--json"],
+        env={**os.environ, "CLPV_ROOT": str(root), "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout), time.perf_counter() - begin

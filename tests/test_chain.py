@@ -84,7 +84,14 @@ def make_project_beside(root: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("name", "points"),
-    [("quickstart", 1), ("lasa-disturbance", 30), ("lasa-obstacles", 60), ("obstacle-scenes", 20)],
+    [
+        ("quickstart", 1),
+        ("lasa-disturbance", 30),
+        ("lasa-kinds", 90),
+        ("lasa-obstacles", 60),
+        ("obstacle-scenes", 20),
+        ("box-moving", 1),
+    ],
 )
 def test_committed_manifest_is_of_this_code(name: str, points: int) -> None:
     """Every stage was run with the code, parameters and libraries that are here."""

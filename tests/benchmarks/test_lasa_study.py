@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
-from support import CHECKOUT, make_project
+from support import make_project, run_timed
 
 MOST_SECONDS = 90.0
 """For the sweep from an empty store, compiled code warm, on two cores."""
 
 
-def run(root: Path, name: str) -> tuple[dict[str, object], float]:
-    """Run an experiment in a process of its own; its document and the wall-clock seconds."""
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-c", "from stages.cli import app; app()", "run", name, "--json"],
-        env={**os.environ, "CLPV_ROOT": str(root), "PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return json.loads(done.stdout), time.perf_counter() - begin
-
-
 def test_study(tmp_path: Path) -> None:
-    run(make_project(tmp_path / "warm", "quickstart"), "quickstart")
-    document, seconds = run(make_project(tmp_path / "cold", "lasa-disturbance"), "lasa-disturbance")
+    run_timed(make_project(tmp_path / "warm", "quickstart"), "quickstart")
+    document, seconds = run_timed(make_project(tmp_path / "cold", "lasa-disturbance"), "lasa-disturbance")
     groups = {(g["controller"], g["mode"], g["condition"]): g for g in document["summary"]["groups"]}
     print(f"\nlasa-disturbance from an empty store: {seconds:.1f} s (at most {MOST_SECONDS:.0f})")
     print("controller      condition  arrived   DTW mm  SEA mm2   steps  DTW / own undisturbed")

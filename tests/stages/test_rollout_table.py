@@ -242,7 +242,7 @@ def test_equal_roll_outs_give_equal_bytes(tmp_path: Path) -> None:
 def test_the_table_says_what_it_is_and_in_which_units(tmp_path: Path) -> None:
     path = stored(tmp_path / "rollouts.parquet", [rollout()])
     found = header(path)
-    assert (found["schema"], found["version"]) == ("rollouts", 2)
+    assert (found["schema"], found["version"]) == ("rollouts", 3)
     schema = pq.read_schema(path)
     assert schema.names == [column.name for column in SCHEMA.columns]
     units = {field.name: (field.metadata or {}).get(b"unit") for field in schema}
@@ -255,10 +255,25 @@ def test_the_table_says_what_it_is_and_in_which_units(tmp_path: Path) -> None:
     }
 
 
+def test_columns_of_arms_and_a_box_are_there_and_empty_without_them(tmp_path: Path) -> None:
+    path = stored(tmp_path / "rollouts.parquet", [rollout(), among()])
+    table = pq.read_table(path)
+    names = ["phase", *(f"{part}_{axis}" for part in ("left", "right", "box") for axis in "xyz")]
+    names += [f"box_q{axis}" for axis in "xyzw"]
+    names += ["left_force", "right_force", "left_contact", "right_contact"]
+    assert table.column_names[-len(names) :] == names
+    assert all(table[name].null_count == table.num_rows == 13 for name in names)
+    found, _ = read_rollouts(path)
+    assert [one.carry for one in found] == [None, None]
+    assert all(np.array_equal(one.executed, one.p_hat) for one in found)
+    units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
+    assert (units["left_x"], units["box_z"], units["box_qw"], units["right_contact"]) == (b"m", b"m", None, b"N")
+
+
 def test_another_version_and_another_table_are_refused(tmp_path: Path) -> None:
     columns = {"step": np.arange(3)}
     write(tmp_path / "old.parquet", dataclasses.replace(SCHEMA, version=1), columns, {"goal": [0.0], "cases": []})
-    with pytest.raises(DataError, match="holds rollouts version 1, not version 2"):
+    with pytest.raises(DataError, match="holds rollouts version 1, not version 3"):
         read_rollouts(tmp_path / "old.parquet")
     write(tmp_path / "other.parquet", Schema(name="other", version=2, columns=SCHEMA.columns), columns, {})
     with pytest.raises(DataError, match="holds other version 2") as error:

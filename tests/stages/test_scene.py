@@ -57,7 +57,7 @@ from stages.policy.avoidance.shapes import (
 )
 from stages.policy.outcome import Outcome, Status
 from stages.rollout.loop import OUTCOMES
-from stages.rollout.parameters import ClpvdsController, RolloutParameters
+from stages.rollout.parameters import CarryCondition, ClpvdsController, RolloutParameters
 from stages.trajectory import Array
 
 AT = "rollout.conditions.0.obstacles"
@@ -559,13 +559,17 @@ def test_outcomes_are_their_names() -> None:
         "trapped",
         "goal-inside",
         "start-inside",
+        "not-gripped",
+        "lost-box",
+        "misplaced",
         "swallowed",
     ]
     for outcome in Outcome:
         assert Outcome(str(outcome)) is outcome  # type: ignore[call-arg]
         assert pickle.loads(pickle.dumps(outcome)) is outcome
-    # Those that a roll-out can end with; the others are refusals.
-    assert set(Outcome) - set(OUTCOMES) == {Outcome.GOAL_INSIDE, Outcome.START_INSIDE, Outcome.SWALLOWED}
+    # Those that a roll-out can end with; of the others some are refusals, some are of a box.
+    refusals = {Outcome.GOAL_INSIDE, Outcome.START_INSIDE, Outcome.SWALLOWED}
+    assert set(Outcome) - set(OUTCOMES) == refusals | {Outcome.NOT_GRIPPED, Outcome.LOST_BOX, Outcome.MISPLACED}
 
 
 @pytest.mark.parametrize(
@@ -580,6 +584,9 @@ def test_outcomes_are_their_names() -> None:
         (Outcome.TRAPPED, ["kind roas+", "detour = true", "cover = true"]),
         (Outcome.GOAL_INSIDE, ["move the obstacle", "radius", "margin"]),
         (Outcome.START_INSIDE, ["move the obstacle", "recover = true"]),
+        (Outcome.NOT_GRIPPED, ["scene.start", "scene.box", "length_error", "squeeze"]),
+        (Outcome.LOST_BOX, ["compliance = true", "force", "length_error"]),
+        (Outcome.MISPLACED, ["force", "speed"]),
         (Outcome.SWALLOWED, ["set them apart", "merge = false"]),
     ],
 )
@@ -588,7 +595,7 @@ def test_a_remedy_names_what_can_be_set(outcome: Outcome, remedies: Sequence[str
     for remedy in remedies:
         assert remedy in outcome.remedy
     # Whatever it sets is a parameter, of that type.
-    settable = (RolloutParameters(), ClpvdsController(), RoasPlusParameters(), BRICK, DISC)
+    settable = (RolloutParameters(), CarryCondition(), ClpvdsController(), RoasPlusParameters(), BRICK, DISC)
     for name, value in re.findall(r"([a-z_]+) = (\w+)", outcome.remedy):
         types = {type(getattr(one, name)) for one in settable if hasattr(one, name)}
         assert types == {bool if value in ("true", "false") else str}
