@@ -1,11 +1,13 @@
 """The arms that the simulated world knows: description, posture, and the flat pad that is put on the flange.
 
-Descriptions come with the pybullet wheel and are read in place, never copied; the arm that is loaded is made of them in
-memory: what follows the flange is left out, and a pad is fixed there. Not here: the simulation (`bullet.py`).
+Descriptions come with the pybullet wheel, or are downloaded by robot_descriptions, and are read in place, never copied;
+the arm that is loaded is made of them in memory: only what leads to the flange is kept, and a pad is fixed there. Of a
+robot with two arms each is loaded by itself. Not here: the simulation (`bullet.py`).
 """
 
 from __future__ import annotations
 
+import importlib
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -31,8 +33,8 @@ class Robot:
     """One arm, of which two are set beside each other; the right one mirrors the left one.
 
     Attributes:
-        file: description, relative to the data of pybullet.
-        flange: link on which the pad is put; what follows it is left out.
+        file: description, relative to the data of pybullet; or a module of robot_descriptions.
+        flange: links on which the pads are put, of the left and the right arm.
         stem: metres from the flange's frame to the back of the pad, along its z axis.
         posture: of the left arm, rad, one a joint: elbow up, pad to the right.
         mirror: +1 or -1 a joint: the right arm's posture.
@@ -41,7 +43,7 @@ class Robot:
     """
 
     file: str
-    flange: str
+    flange: tuple[str, str]
     stem: float
     posture: tuple[float, ...]
     mirror: tuple[int, ...]
@@ -52,7 +54,7 @@ class Robot:
 ROBOTS = {
     "iiwa": Robot(
         file="kuka_iiwa/model.urdf",
-        flange="lbr_iiwa_link_7",
+        flange=("lbr_iiwa_link_7", "lbr_iiwa_link_7"),
         stem=0.045,
         posture=(-0.25, 0.60, -0.07, -1.50, 1.44, -1.27, 0.55),
         mirror=(-1, 1, -1, 1, -1, 1, -1),
@@ -64,7 +66,7 @@ ROBOTS = {
     # bases as far apart as the iiwa's leave 0.08.
     "panda": Robot(
         file="franka_panda/panda.urdf",
-        flange="panda_link8",
+        flange=("panda_link8", "panda_link8"),
         stem=0.0,
         posture=(0.0, 0.13, 0.0, -2.08, -1.57, 1.58, 0.64),
         mirror=(-1, 1, -1, 1, -1, 1, -1),
@@ -73,6 +75,22 @@ ROBOTS = {
         stiffness=(400.0, 400.0, 400.0, 400.0, 1600.0, 3600.0, 6400.0),
     ),
 }
+
+
+DOWNLOADED = {
+    # Both arms on one torso. Along the way of the box the smallest singular value stays above 0.17 and joints 0.33 rad
+    # from their limits, by the published kinematics.
+    "baxter": Robot(
+        file="baxter_description",
+        flange=("left_hand", "right_hand"),
+        stem=0.0,
+        posture=(0.464, -0.285, -1.783, 1.844, -0.244, 0.931, 0.0),
+        mirror=(-1, 1, -1, 1, -1, 1, -1),
+        aside=0.0,
+        stiffness=(400.0, 400.0, 400.0, 400.0, 1600.0, 3600.0, 6400.0),
+    ),
+}
+"""Robots whose descriptions robot_descriptions (extra ``robots``) fetches when they are first asked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,17 +124,9 @@ def arm(name: str, left: bool, location: str) -> Arm:
 
     Raises ParameterError where the robot's description is not to be had; `location` is its dotted place.
     """
-    if name == "baxter":
-        raise ParameterError(
-            location,
-            "Baxter's description is not in the pybullet wheel, and its one body with two arms is not simulated yet; "
-            f"choose {' or '.join(ROBOTS)}.",
-        )
-    import pybullet_data
-
-    robot = ROBOTS[name]
-    path = Path(pybullet_data.getDataPath(), robot.file)
-    root = _with_pad(ET.parse(path).getroot(), robot, path.parent)
+    robot = DOWNLOADED.get(name) or ROBOTS[name]
+    path = _downloaded(name, robot, location) if name in DOWNLOADED else _in_the_wheel(robot)
+    root = _with_pad(ET.parse(path).getroot(), robot, robot.flange[0 if left else 1], path.parent)
     joints = _row(root)
     turning = [joint for joint in joints if joint.get("type") == "revolute"]
     limits = [_child(joint, "limit").attrib for joint in turning]
@@ -135,21 +145,47 @@ def arm(name: str, left: bool, location: str) -> Arm:
     )
 
 
-def _with_pad(root: ET.Element, robot: Robot, folder: Path) -> ET.Element:
-    """The description with the pad, without what follows the flange, with absolute paths."""
+def _in_the_wheel(robot: Robot) -> Path:
+    """The description of a robot that comes with pybullet."""
+    import pybullet_data
+
+    return Path(pybullet_data.getDataPath(), robot.file)
+
+
+def _downloaded(name: str, robot: Robot, location: str) -> Path:
+    """The description of a robot that is fetched when it is first asked for. Raises ParameterError where it is not."""
+    try:
+        found = importlib.import_module(f"robot_descriptions.{robot.file}")
+    except ImportError:
+        raise ParameterError(
+            location,
+            f"{name} needs robot_descriptions: pip install 'clpv[robots]', or choose {' or '.join(ROBOTS)}.",
+        ) from None
+    except Exception as error:  # git's own, or the file system's
+        line = str(error).strip().splitlines()[-1][:200] if str(error).strip() else type(error).__name__
+        raise ParameterError(
+            location,
+            f"the description of {name} could not be downloaded ({line}): try again with a connection, or choose "
+            f"{' or '.join(ROBOTS)}.",
+        ) from error
+    return Path(found.URDF_PATH)
+
+
+def _with_pad(root: ET.Element, robot: Robot, flange: str, folder: Path) -> ET.Element:
+    """What leads to the flange, and the pad, with absolute paths."""
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(folder / mesh.get("filename", "").removeprefix("package://")))
-    gone = {robot.flange}
-    while True:
-        more = {
-            _child(j, "child").get("link", "") for j in root.iter("joint") if _child(j, "parent").get("link") in gone
-        }
-        if more <= gone:
-            break
-        gone |= more
-    gone.remove(robot.flange)
+        name = mesh.get("filename", "").removeprefix("package://")
+        # A package's name stands for the folder above that of the description, or for none.
+        places = [folder / name, *(parent / name for parent in folder.parents)]
+        mesh.set("filename", str(next((place for place in places if place.exists()), places[0])))
+    leading = {_child(joint, "child").get("link", ""): joint for joint in root.iter("joint")}
+    link, kept = flange, [flange]
+    while link in leading:
+        link = _child(leading[link], "parent").get("link", "")
+        kept.append(link)
     for element in list(root):
-        if element.get("name") in gone or (element.tag == "joint" and _child(element, "child").get("link") in gone):
+        part = _child(element, "child").get("link") if element.tag == "joint" else element.get("name")
+        if element.tag in ("transmission", "gazebo") or (element.tag in ("joint", "link") and part not in kept):
             root.remove(element)
     size = " ".join(map(str, PAD))
     inertia = [PAD_MASS / 12.0 * (sum(e * e for e in PAD) - PAD[axis] ** 2) for axis in range(3)]
@@ -163,7 +199,7 @@ def _with_pad(root: ET.Element, robot: Robot, folder: Path) -> ET.Element:
     )
     root.append(
         ET.fromstring(
-            f'<joint name="{PAD_LINK}" type="fixed"><parent link="{robot.flange}"/><child link="{PAD_LINK}"/>'
+            f'<joint name="{PAD_LINK}" type="fixed"><parent link="{flange}"/><child link="{PAD_LINK}"/>'
             f'<origin xyz="0 0 {robot.stem}" rpy="0 0 0"/></joint>'
         )
     )

@@ -233,7 +233,6 @@ REFUSED: dict[str, tuple[dict[str, Any], str, str]] = {
         "goal",
         r"end inside of something",
     ),
-    "baxter": ({"robot": "baxter"}, "robot", r"not simulated yet; choose iiwa or panda\."),
 }
 
 

@@ -435,7 +435,6 @@ def named(*names: str) -> tuple[CarryCondition, ...]:
         (parameters({"mass": 3.0}), "rollout.scene.mass", "3 kg slip out of two pads"),
         (parameters({"start": (0.5, -0.03, 0.1)}), "rollout.scene.start", "[0.5, -0.03, 0.1] puts the box into the"),
         (parameters({"start": (1.5, -0.03, 0.35)}), "rollout.scene", "the left arm cannot bring its pad to [1.5, "),
-        (parameters({"robot": "baxter"}), "rollout.scene.robot", "Baxter"),
     ],
 )
 def test_what_cannot_work_is_refused(given: CarryParameters, location: str, sentence: str) -> None:
