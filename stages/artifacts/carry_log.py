@@ -30,7 +30,9 @@ def write_carry_log(path: Path, rollout: Any) -> None:
             Poses(topic=f"/{name}/pose", frame=FRAME, time=time, position=carried.pads[:, side], quaternion=facing),
             Points(topic=f"/{name}/commanded", frame=FRAME, time=time, position=carried.commanded[:, side]),
             Wrenches(topic=f"/{name}/wrench", frame=f"{name}_pad", time=time, force=pressed, torque=np.zeros((n, 3))),
-            Wrenches(topic=f"/{name}/contact", frame=f"{name}_pad", time=time, force=true, torque=np.zeros((n, 3))),
+            Wrenches(
+                topic=f"/truth/{name}_contact", frame=f"{name}_pad", time=time, force=true, torque=np.zeros((n, 3))
+            ),
             JointStates(
                 topic=f"/{name}/joint_states",
                 names=joints,

@@ -33,7 +33,7 @@ class Scene:
     """Two arms beside each other and a box between them, clamped along y: x forward, y to the left, z up.
 
     Attributes:
-        robot: ``iiwa`` or ``panda``, of the pybullet wheel, or ``baxter``, whose description robot_descriptions fetches.
+        robot: ``iiwa`` or ``panda``, of the pybullet wheel, or ``baxter``, which robot_descriptions fetches.
         box: edges of the box, metres; the second one, L, is clamped.
         mass: of the box, kg.
         friction: of the box; pads multiply it with their own, 1.
