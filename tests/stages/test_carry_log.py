@@ -123,8 +123,8 @@ def test_a_roll_out_comes_back_as_it_went_in(tmp_path: Path) -> None:
         assert np.array_equal(pose.position, arms.pads[:, side])
         assert np.array_equal(pose.quaternion, np.tile(FACING[name], (6, 1)))
         assert np.array_equal(of(log, f"/{name}/commanded", Points).position, arms.commanded[:, side])
-        for topic, of_arms in (("wrench", arms.force), ("contact", arms.contact)):
-            wrench = of(log, f"/{name}/{topic}", Wrenches)
+        for topic, of_arms in ((f"/{name}/wrench", arms.force), (f"/truth/{name}_contact", arms.contact)):
+            wrench = of(log, topic, Wrenches)
             assert np.array_equal(wrench.force, np.column_stack([np.zeros(6), np.zeros(6), of_arms[:, side]]))
             assert not wrench.torque.any()
             assert wrench.frame == f"{name}_pad"
