@@ -16,7 +16,7 @@ from pipeline.experiment import NAME, parse_override
 from pipeline.project import Project
 from pipeline.validation import validate_as
 from stages.artifacts.carry_log import read_master, write_demonstration
-from stages.policy.admittance import admittance_of
+from stages.policy.admittance import admittance_of, check_stability
 from stages.policy.carrying import Clamp, Phase
 from stages.policy.outcome import Outcome
 from stages.teleoperation.mapping import MasterSample, SharedTeleoperation
@@ -31,7 +31,7 @@ from stages.teleoperation.parameters import (
 )
 from stages.teleoperation.record import Demonstrated, demonstrate
 from stages.world.boxes import check_scene, pads_beside, varied
-from stages.world.bullet import STEP, World
+from stages.world.bullet import CONTACT_STIFFNESS, STEP, World
 from stages.world.parameters import Scene
 
 SETTLED = 0.001
@@ -69,6 +69,7 @@ def record_demonstrations(
             raise UsageError(
                 f"datasets/{name}/{taken[0].name} exists already: choose another name, or add --replace to record anew."
             )
+        check_stability(given.admittance, given.dt, CONTACT_STIFFNESS, printed=False, location="admittance")
         check_scene(given.scene, given.admittance.force, given.stand_off, "scene")
         folder.mkdir(parents=True, exist_ok=True)
         try:

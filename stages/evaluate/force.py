@@ -104,6 +104,12 @@ def grip(carry: Any, outcome: str) -> Grip:
     )
 
 
+def way_error(carry: Any, executed: Array, goal: Array) -> float:
+    """Distance of what was executed, shape (n, 3), metres, from the goal, shape (3,), where the way was at its end."""
+    led = np.flatnonzero(carry.phase == str(Phase.CARRY))
+    return float(np.linalg.norm(executed[led[-1] if led.size else -1] - goal))
+
+
 def slips(carry: Any, carried: NDArray[np.bool_]) -> Array:
     """How far the middles of the box's faces have moved across the pads since it was lifted, metres, shape (n, 2)."""
     half = 0.5 * float(carry.facts["box"][1])

@@ -19,7 +19,7 @@ def run(context: StageContext) -> None:
     from stages.artifacts.rollouts import read_rollouts, read_scenes
     from stages.dynamics.lpvds import velocity_error
     from stages.evaluate.compare import MM, compare
-    from stages.evaluate.force import grip
+    from stages.evaluate.force import grip, way_error
 
     references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
     rollouts, goal = read_rollouts(context.inputs["rollouts"])
@@ -49,6 +49,8 @@ def run(context: StageContext) -> None:
         scene = {"scene": rollout.scene or None, "traps": None if traps is None else traps.shape[0]}
         field = {"dynamics": kind, "velocity_rmse_mm_s": errors[rollout.dataset, rollout.demo]}
         held = {} if rollout.carry is None else asdict(grip(rollout.carry, rollout.outcome))
+        if rollout.carry is not None:  # pads slide on down after the way's end
+            held["final_error_mm"] = way_error(rollout.carry, rollout.executed, goal) * MM
         rows.append(
             {
                 **{name: getattr(rollout, name) for name in names},

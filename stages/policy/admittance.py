@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from pipeline.errors import ParameterError
 from stages.compiled import compiled
 from stages.policy.parameters import AdmittanceParameters
 from stages.trajectory import Array
@@ -96,6 +97,22 @@ def begin(admittance: Admittance, state: Array) -> None:
     """Begin to comply from where the arms are, without a kick. `state`: shape (2, 4). Will be modified."""
     for arm in range(2):
         state[arm, ERROR] = state[arm, FORCE] - admittance.force
+
+
+def check_stability(given: AdmittanceParameters, dt: float, stiffness: float, *, printed: bool, location: str) -> None:
+    """Refuse gains that oscillate on a contact of this stiffness, N/m, at this cycle, seconds.
+
+    2 dt (D + k_d k) + dt^2 (k_p + 1) k < 4 M: the discrete loop of eq. (17) without lag. D counts where it is taken as
+    printed only. Raises ParameterError; `location` is the dotted place of the parameters.
+    """
+    damping = given.damping if printed else 0.0
+    needed = 0.25 * (2.0 * dt * (damping + given.k_d * stiffness) + dt**2 * (given.k_p + 1.0) * stiffness)
+    if needed >= given.mass:
+        raise ParameterError(
+            f"{location}.mass",
+            f"{given.mass:g} kg let the arms oscillate on a contact of {stiffness:g} N/m at dt = {dt:g} s: more than "
+            f"{needed:.3g} kg are needed, or a smaller k_d, damping or dt.",
+        )
 
 
 def settled_force(force: float, k_p: float) -> float:

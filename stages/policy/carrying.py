@@ -14,14 +14,14 @@ from typing import Protocol
 
 import numpy as np
 
-from stages.policy.admittance import FORCE, OFFSET, RATE, Admittance, begin, comply, sense
+from stages.policy.admittance import FORCE, OFFSET, RATE, Admittance, begin, comply, sense, settled_force
 from stages.trajectory import Array
 
 TOUCH = 0.2
 """Share of F_d from which a pad counts as touching."""
 
 SETTLED = 0.1
-"""Share of F_d within which the force has to be before the box is carried."""
+"""Share of F_d within which the force has to be of what it settles at, before the box is carried."""
 
 GRIP_TIME, GRIP_PATIENCE = 0.5, 5.0
 """Seconds that the force has to be settled; seconds after which a grip has failed."""
@@ -29,11 +29,15 @@ GRIP_TIME, GRIP_PATIENCE = 0.5, 5.0
 TOO_DEEP = 0.04
 """Metres beyond the box's face at which a pad that still touches nothing has missed it."""
 
+LEAST = 0.04
+"""Share of F_d below which a pad has lost the box."""
+
 LOST_TIME = 0.2
 """Seconds without force on a pad after which the box is lost."""
 
 SET_DOWN_SPEED, SET_DOWN_DEPTH = 0.02, 0.004
-"""m/s and metres: after the way's end pads go on down until the support carries the box, at most so far."""
+"""m/s and metres: after the way's end pads go on down by so much. The support carries the box by then, and the pads
+slide on its faces."""
 
 REST = 0.3
 """Seconds between the end of the way and letting go."""
@@ -100,6 +104,7 @@ class Carrier:
         """Begin with pads at the stand-off beside `start`, shape (3,), metres; `dt`: seconds; `force`: F_d, N."""
         self._way, self._clamp, self._dt, self._desired = way, clamp, dt, force
         self._admittance = clamp.admittance or Admittance(1.0, 1.0, 0.0, 0.0, force, False, 0.0, 10.0)
+        self._settles = settled_force(force, self._admittance.k_p) if self._admittance.printed else force
         self._state = np.zeros((2, 4))
         self._state[:, OFFSET] = clamp.stand_off
         self.midpoint = np.array(start)
@@ -163,7 +168,7 @@ class Carrier:
             self._state[:, RATE] = 0.0
         else:
             comply(self._admittance, self._dt, self._state)
-        if self.phase is Phase.CARRY and (self._state[:, FORCE] < TOUCH * TOUCH * self._desired).any():
+        if self.phase is Phase.CARRY and (self._state[:, FORCE] < LEAST * self._desired).any():
             self._lost += self._dt
             if self._lost >= LOST_TIME:
                 self._enter(Phase.LOST)
@@ -171,7 +176,7 @@ class Carrier:
             self._lost = 0.0
 
     def _grip(self) -> None:
-        near = (np.abs(self._state[:, FORCE] - self._desired) <= SETTLED * self._desired).all()
+        near = (np.abs(self._state[:, FORCE] - self._settles) <= SETTLED * self._desired).all()
         self._settled = self._settled + self._dt if near else 0.0
         if self._settled >= GRIP_TIME or (self._clamp.admittance is None and self._since >= GRIP_TIME):
             self._enter(Phase.CARRY)

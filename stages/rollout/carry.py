@@ -147,7 +147,7 @@ def carry(
                 break
             if falling:
                 left -= dt
-                follower.qdot[:] = 0.0
+                follower.qdot[:] = follower.torque[:] = 0.0
             else:
                 carrier.step(hands.force)
                 follower.follow(carrier.pads, carrier.velocities, hands.load)

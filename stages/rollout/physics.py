@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import DataError, ParameterError
 from stages.dynamics.lpvds import LpvDs
-from stages.policy.admittance import admittance_of
-from stages.policy.carrying import Clamp
+from stages.policy.admittance import admittance_of, check_stability
+from stages.policy.carrying import TOO_DEEP, Clamp
 from stages.policy.coupling import robust_coupling
 from stages.policy.outcome import Outcome
 from stages.rollout.carry import Carried, carry
@@ -26,7 +26,7 @@ from stages.rollout.parameters import CarryCondition, CarryParameters, Mode
 from stages.rollout.results import Runner, Simulated
 from stages.trajectory import Array, Trajectory, frozen
 from stages.world.boxes import check_scene, grip_ratio, varied
-from stages.world.bullet import STEP
+from stages.world.bullet import CONTACT_STIFFNESS, STEP
 from stages.world.parameters import Scene
 
 Draw = Callable[..., np.random.Generator]
@@ -34,10 +34,10 @@ Draw = Callable[..., np.random.Generator]
 FIRM = 1.7
 """2 mu F_d/(m g) from which a box does not creep on its pads."""
 
-NAME = re.compile(r"[\w.+-]+")
+NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 """Of a condition: it is part of a file's name."""
 
-AWAY = 0.02
+AWAY = 0.005
 """Metres between the learned goal and the scene's beyond which they are taken for two different ones."""
 
 
@@ -162,7 +162,19 @@ def check(parameters: CarryParameters, model: LpvDs, starts: Sequence[Trajectory
             )
         if name in names[:number]:
             raise ParameterError(f"rollout.conditions.{number}.name", f"{name!r} is the name of an earlier condition.")
-    check_scene(scene, force, parameters.stand_off, "rollout.scene")
+    if parameters.squeeze >= TOO_DEEP:
+        raise ParameterError("rollout.squeeze", f"must be less than {TOO_DEEP:g} m: so deep, a pad has missed the box.")
+    for condition in parameters.conditions:
+        if condition.compliance:
+            check_stability(
+                parameters.admittance,
+                parameters.dt,
+                CONTACT_STIFFNESS,
+                printed=mode_of(parameters, condition) == "paper",
+                location="rollout.admittance",
+            )
+    shortest = min(condition.length_error - condition.length_spread for condition in parameters.conditions)
+    check_scene(scene, force, parameters.stand_off, "rollout.scene", shortest)
 
 
 def mode_of(parameters: CarryParameters, condition: CarryCondition) -> Mode:

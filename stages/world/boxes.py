@@ -11,6 +11,9 @@ from stages.trajectory import Array
 from stages.world.bullet import GRAVITY, PAD_FRICTION, World
 from stages.world.parameters import Scene
 
+SHORTEST = 0.02
+"""Metres between start and goal: a box that is let go as far from its goal still counts as delivered."""
+
 
 def pads_beside(midpoint: Array, apart: float) -> Array:
     """Both pads, shape (2, 3), metres, `apart` metres from each other about a midpoint. Paper eq. (13)."""
@@ -41,7 +44,7 @@ def varied(scene: Scene, generator: np.random.Generator) -> Scene:
     )
 
 
-def check_scene(scene: Scene, force: float, stand_off: float, location: str) -> None:
+def check_scene(scene: Scene, force: float, stand_off: float, location: str, length_error: float = 0.0) -> None:
     """Refuse a scene that cannot work.
 
     Args:
@@ -49,6 +52,8 @@ def check_scene(scene: Scene, force: float, stand_off: float, location: str) -> 
         force: F_d, newtons.
         stand_off: of the pads from the box, metres.
         location: dotted place of the scene.
+        length_error: by how much at least the controller takes the box for longer than it is, beside the scene's own,
+            metres.
 
     Raises:
         ParameterError: friction cannot hold the box, an arm cannot reach it, or something would begin or end inside of
@@ -79,12 +84,15 @@ def check_scene(scene: Scene, force: float, stand_off: float, location: str) -> 
             f"(2 mu F_d = {held * weight:.3g} N < m g = {weight:.3g} N): at least "
             f"{weight / (2.0 * scene.friction * PAD_FRICTION):.3g} N are needed.",
         )
-    apart = scene.box[1] + 2.0 * stand_off
-    for x in (-v.start, v.start) if v.start else ():
-        for y in (-v.start, v.start):
-            corner = np.array(scene.start) + np.array([x, y, 0.0])
-            with World(scene, np.random.default_rng(0), f"{location}.variation.start") as world:
-                world.put(pads_beside(corner, apart))
+    believed = scene.length_error + length_error
+    if 0.5 * believed + stand_off <= 0.0:
+        raise ParameterError(
+            f"{location}.length_error",
+            f"{1e3 * believed:g} mm and a stand-off of {1e3 * stand_off:g} mm let the pads begin inside of the box.",
+        )
+    if float(np.linalg.norm(np.array(scene.goal) - np.array(scene.start))) < SHORTEST:
+        raise ParameterError(f"{location}.goal", "is where the box begins: there is nothing to carry.")
+    apart = scene.box[1] + believed + 2.0 * stand_off
     # What is to be let go at its goal is there as what begins there.
     ends = (("start", "begin", scene), ("goal", "end", replace(scene, start=scene.goal, goal=scene.start)))
     for name, does, turned in ends:
@@ -94,3 +102,15 @@ def check_scene(scene: Scene, force: float, stand_off: float, location: str) -> 
                 raise ParameterError(
                     f"{location}.{name}", f"arms or box would {does} inside of something: set start and goal apart."
                 )
+    for x in (-v.start, v.start) if v.start else ():
+        for y in (-v.start, v.start):
+            moved = replace(scene, start=(scene.start[0] + x, scene.start[1] + y, scene.start[2]))
+            with World(moved, np.random.default_rng(0), location) as world:
+                try:
+                    world.put(pads_beside(np.array(moved.start), apart))
+                except ParameterError as error:
+                    raise ParameterError(f"{location}.variation.start", error.problem) from None
+                if world.touching():
+                    raise ParameterError(
+                        f"{location}.variation.start", "arms or box could begin inside of something: make it smaller."
+                    )

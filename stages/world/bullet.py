@@ -20,7 +20,7 @@ import numpy as np
 
 from pipeline.errors import DataError, ParameterError
 from stages.trajectory import Array
-from stages.world.chain import Chain, forward, reach
+from stages.world.chain import forward, reach
 from stages.world.engine import bullet
 from stages.world.parameters import Scene
 from stages.world.robots import PAD_MASS, Arm, arm
@@ -38,12 +38,13 @@ CONTACT_STIFFNESS, CONTACT_DAMPING = 1500.0, 30.0
 PAD_FRICTION, SUPPORT_FRICTION = 1.0, 0.8
 
 SUPPORT = 0.18
-"""Edge of pedestal and shelf, metres: narrower than any box is long, so that pads pass beside them."""
+"""Edge of pedestal and shelf, metres: of a longer box pads pass beside them."""
+
+RUNAWAY = 10.0
+"""Metres from the middle between the bases beyond which no pad can be."""
 
 ACCURACY = 1e-6
 """Metres and rad within which a pose counts as reached."""
-
-LEFT, RIGHT = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,12 +175,11 @@ class World:
         Raises ParameterError where an arm cannot.
         """
         found = []
-        for side, (one, body, joints) in enumerate(zip(self.arms, self.bodies, self.joints, strict=True)):
+        for side, (body, joints) in enumerate(zip(self.bodies, self.joints, strict=True)):
             q = self.joints_at(side, pads[side])
             for joint, angle in zip(joints, q, strict=True):
                 self._bullet.resetJointState(body, joint, float(angle), physicsClientId=self._client)
             found.append(q)
-            del one
         return np.array(found)
 
     def joints_at(self, side: int, pad: Array) -> Array:
@@ -209,6 +209,8 @@ class World:
             reaction = rotation @ np.array(states[-1][2][:3])
             force[side] = float(states[-1][2][2]) + self.scene.bias[side]
             load[side] = reaction[2] - PAD_MASS * GRAVITY
+        if not (np.isfinite(pads).all() and np.abs(pads).max() < RUNAWAY):
+            raise DataError(self._location, "the simulation ran away: lower the admittance's gains, or dt.")
         if self.scene.noise:
             force += self.scene.noise * self._noise.normal(size=2)
         return Hands(q=np.array(q), qdot=np.array(qdot), pads=pads, force=force, load=load)
@@ -292,8 +294,3 @@ def _facing(one: Arm, side: float) -> Array:
     across = rotation[:, 0] - axis * (rotation[:, 0] @ axis)
     across /= math.sqrt(across @ across)
     return np.ascontiguousarray(np.column_stack([across, np.cross(axis, across), axis]))
-
-
-def chains(world: World) -> tuple[Chain, Chain]:
-    """Kinematics of the left and the right arm."""
-    return world.arms[LEFT].chain, world.arms[RIGHT].chain

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from pipeline.errors import ParameterError
 from stages.policy.admittance import (
     ERROR,
     FORCE,
@@ -18,6 +19,7 @@ from stages.policy.admittance import (
     Admittance,
     admittance_of,
     begin,
+    check_stability,
     comply,
     sense,
     settled_force,
@@ -216,3 +218,29 @@ def test_only_the_robust_form_leaks() -> None:
     given_ = AdmittanceParameters(force=4.0, k_p=20.0, k_d=1.0, mass=10.0, damping=500.0, cutoff=5.0, leak=3.0)
     assert admittance_of(given_, printed=False) == Admittance(10.0, 500.0, 20.0, 1.0, 4.0, False, 3.0, 5.0)
     assert admittance_of(given_, printed=True) == Admittance(10.0, 500.0, 20.0, 1.0, 4.0, True, 0.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("given_", "dt", "printed"),
+    [
+        (AdmittanceParameters(), 0.01, True),
+        (AdmittanceParameters(damping=20000.0), 0.004, True),
+        (AdmittanceParameters(k_d=200.0), 0.004, False),
+        (AdmittanceParameters(), 0.5, False),
+    ],
+)
+def test_gains_that_oscillate_are_refused_before_anything_moves(
+    given_: AdmittanceParameters, dt: float, printed: bool
+) -> None:
+    with pytest.raises(ParameterError, match="oscillate") as error:
+        check_stability(given_, dt, 1500.0, printed=printed, location="rollout.admittance")
+    assert error.value.location == "rollout.admittance.mass"
+
+
+def test_the_defaults_are_stable_and_the_condition_is_that_of_the_notes() -> None:
+    for printed in (True, False):
+        check_stability(AdmittanceParameters(), 0.004, 1500.0, printed=printed, location="x")
+    # 2 dt (D + k_d k) + dt^2 (k_p + 1) k = 0.008 (2000 + 3000) + 16e-6 x 26 x 1500 = 40.624 < 4 M.
+    check_stability(AdmittanceParameters(mass=10.157), 0.004, 1500.0, printed=True, location="x")
+    with pytest.raises(ParameterError):
+        check_stability(AdmittanceParameters(mass=10.155), 0.004, 1500.0, printed=True, location="x")

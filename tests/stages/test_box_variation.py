@@ -68,3 +68,19 @@ def test_a_heavier_box_needs_more_force() -> None:
     with pytest.raises(ParameterError):
         check_scene(heavy, 5.0, 0.05, "scene")
     check_scene(heavy, 10.0, 0.05, "scene")
+
+
+@pytest.mark.parametrize(
+    ("scene", "length_error", "location", "says"),
+    [
+        (Scene(length_error=-0.15), 0.0, "scene.length_error", "begin inside of the box"),
+        (Scene(), -0.1, "scene.length_error", "begin inside of the box"),
+        (Scene(goal=Scene().start), 0.0, "scene.goal", "nothing to carry"),
+    ],
+)
+def test_what_would_begin_inside_of_something_is_refused(
+    scene: Scene, length_error: float, location: str, says: str
+) -> None:
+    with pytest.raises(ParameterError, match=says) as error:
+        check_scene(scene, 5.0, 0.05, "scene", length_error)
+    assert error.value.location == location

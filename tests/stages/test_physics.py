@@ -445,7 +445,7 @@ def test_what_cannot_work_is_refused(given: CarryParameters, location: str, sent
 
 
 def test_what_can_work_is_not_refused() -> None:
-    near = parameters({"goal": (0.52, 0.049, 0.35)}, dt=0.001, conditions=CONDITIONS)
+    near = parameters({"goal": (0.52, 0.034, 0.35)}, dt=0.001, conditions=CONDITIONS)
     check(near, climbing(), [demonstration()])
 
 
