@@ -17,6 +17,7 @@ from stages.policy.outcome import Status
 from stages.trajectory import Array, frozen
 
 SIDES = ("left", "right")
+JOINTS = (("q", "rad"), ("qdot", "rad/s"))
 
 SCHEMA = Schema(
     name="rollouts",
@@ -37,6 +38,8 @@ SCHEMA = Schema(
         *vectors("box_", "m"),
         *vectors("box_q", "", "xyzw"),
         *(Column(name=f"{side}_{name}", unit="N") for name in ("force", "contact") for side in SIDES),
+        *(Column(name=f"{side}_commanded", type="vector", unit="m") for side in SIDES),
+        *(Column(name=f"{side}_{name}", type="vector", unit=unit) for name, unit in JOINTS for side in SIDES),
     ),
 )
 
@@ -213,7 +216,8 @@ def read_rollouts(path: Path) -> tuple[list[RecordedRollout], Array]:
 
 def _carry_columns(rollouts: Sequence[Any]) -> dict[str, Any]:
     """Columns of roll-outs of two arms; each has `carried`, its phase as codes."""
-    joined = {name: np.concatenate([getattr(r.carried, name) for r in rollouts]) for name in CARRIED}
+    lists = ("commanded", *(name for name, _ in JOINTS))
+    joined = {name: np.concatenate([getattr(r.carried, name) for r in rollouts]) for name in (*CARRIED, *lists)}
     columns: dict[str, Any] = {"phase": Coded(codes=joined["phase"], names=[str(phase) for phase in Phase])}
     for axis, name in enumerate("xyz"):
         columns[f"box_{name}"] = joined["box"][:, axis]
@@ -223,6 +227,7 @@ def _carry_columns(rollouts: Sequence[Any]) -> dict[str, Any]:
         columns[f"box_q{name}"] = joined["turn"][:, axis]
     for side, word in enumerate(SIDES):
         columns[f"{word}_force"], columns[f"{word}_contact"] = joined["force"][:, side], joined["contact"][:, side]
+        columns |= {f"{word}_{name}": list(joined[name][:, side]) for name in lists}
     return columns
 
 

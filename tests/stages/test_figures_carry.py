@@ -102,6 +102,9 @@ def box(
         turn=np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
         force=contact,
         contact=contact,
+        commanded=pads,
+        q=np.zeros((n, 2, 7)),
+        qdot=np.zeros((n, 2, 7)),
     )
     facts = {
         "compliance": compliance,

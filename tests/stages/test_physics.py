@@ -23,6 +23,7 @@ from support import CHECKOUT
 from pipeline.errors import DataError, ParameterError
 from pipeline.stage import StageContext
 from stages.artifacts.carry_log import write_carry_log
+from stages.artifacts.parquet import records
 from stages.artifacts.rollouts import read_rollouts, write_rollouts
 from stages.dynamics.lpvds import LpvDs
 from stages.evaluate.force import grip
@@ -457,3 +458,14 @@ def test_a_motion_in_the_plane_carries_no_box() -> None:
 def test_no_demonstrations() -> None:
     with pytest.raises(DataError, match="there is no demonstration to compare with"):
         check(parameters(), climbing(), [])
+
+
+def test_joints_and_what_was_commanded_are_in_the_table(held: CarryRollout, tmp_path: Path) -> None:
+    path = tmp_path / "rollouts.parquet"
+    write_rollouts(path, [held], [], np.array(GOAL), {})
+    rows = records(path)
+    assert len(rows) == held.time.shape[0]
+    for row, q, qdot, commanded in zip(rows, held.carried.q, held.carried.qdot, held.carried.commanded, strict=True):
+        assert (row["left_q"], row["right_q"]) == (q[0].tolist(), q[1].tolist())
+        assert (row["left_qdot"], row["right_qdot"]) == (qdot[0].tolist(), qdot[1].tolist())
+        assert (row["left_commanded"], row["right_commanded"]) == (commanded[0].tolist(), commanded[1].tolist())

@@ -261,6 +261,7 @@ def test_columns_of_arms_and_a_box_are_there_and_empty_without_them(tmp_path: Pa
     names = ["phase", *(f"{part}_{axis}" for part in ("left", "right", "box") for axis in "xyz")]
     names += [f"box_q{axis}" for axis in "xyzw"]
     names += ["left_force", "right_force", "left_contact", "right_contact"]
+    names += [f"{side}_{name}" for name in ("commanded", "q", "qdot") for side in ("left", "right")]
     assert table.column_names[-len(names) :] == names
     assert all(table[name].null_count == table.num_rows == 13 for name in names)
     found, _ = read_rollouts(path)
@@ -268,6 +269,7 @@ def test_columns_of_arms_and_a_box_are_there_and_empty_without_them(tmp_path: Pa
     assert all(np.array_equal(one.executed, one.p_hat) for one in found)
     units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
     assert (units["left_x"], units["box_z"], units["box_qw"], units["right_contact"]) == (b"m", b"m", None, b"N")
+    assert (units["left_commanded"], units["left_q"], units["right_qdot"]) == (b"m", b"rad", b"rad/s")
 
 
 def test_another_version_and_another_table_are_refused(tmp_path: Path) -> None:
