@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import DataError, ParameterError
 from stages.dynamics.lpvds import LpvDs
@@ -23,8 +22,8 @@ from stages.policy.coupling import robust_coupling
 from stages.policy.outcome import Outcome
 from stages.rollout.carry import Carried, carry
 from stages.rollout.parameters import CarryCondition, CarryParameters, Mode
-from stages.rollout.results import Runner, Simulated
-from stages.trajectory import Array, Trajectory, frozen
+from stages.rollout.results import Rollout, Runner, Simulated
+from stages.trajectory import Trajectory, frozen
 from stages.world.boxes import check_scene, grip_ratio, varied
 from stages.world.bullet import CONTACT_STIFFNESS, STEP
 from stages.world.parameters import Scene
@@ -42,32 +41,14 @@ AWAY = 0.005
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CarryRollout:
-    """One box, carried; attributes as of `stages.rollout.simulate.Rollout`, and beside them:
+class CarryRollout(Rollout):
+    """One box, carried: a roll-out, and beside it
 
     Attributes:
         carried: what happened to arms and box.
         scene_facts: what this box is: mass, friction, centre of mass, start, biases, length error, compliance.
     """
 
-    rollout: str
-    controller: str
-    mode: Mode
-    avoidance: str
-    condition: str
-    dataset: str
-    demo: str
-    split: str
-    scene: str
-    time: Array
-    x: Array
-    p_hat: Array
-    gate: NDArray[np.bool_]
-    lyapunov: Array
-    clearance: Array
-    status: NDArray[np.int8]
-    disturbed: tuple[tuple[int, int], ...]
-    outcome: Outcome
     carried: Carried
     scene_facts: dict[str, Any]
 
@@ -225,6 +206,7 @@ def _rollout(
         clearance=frozen(np.full(n, math.inf)),
         status=np.zeros(n, dtype=np.int8),
         disturbed=(),
+        missed=0,
         outcome=carried.outcome,
         carried=carried,
         scene_facts={
