@@ -39,6 +39,8 @@ bench: venv
 	$(BIN)/clpv verify lasa-obstacles
 	$(BIN)/clpv verify obstacle-scenes
 	$(BIN)/clpv verify box-moving
+	$(BIN)/clpv verify box-disturbance
+	$(BIN)/clpv verify box-obstacle
 
 # A venv knows its own path, so one in a moved checkout is made anew. Both stamps are written last: after a failed or
 # interrupted installation the next make starts again. PYTHON=... names another interpreter of the same version.

@@ -100,6 +100,7 @@ class Trajectory:
         time: array, shape (n,), seconds, from 0, uniform.
         position: array, shape (n, d), metres.
         velocity: array, shape (n, d), metres per second.
+        separation: mean distance of the arms along the clamp axis, L of eq. (13), metres; none: of a single point.
     """
 
     dataset: str
@@ -108,6 +109,7 @@ class Trajectory:
     time: Array
     position: Array
     velocity: Array
+    separation: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("time", "position", "velocity"):

@@ -90,7 +90,9 @@ def _arms() -> None:
     one = arm("iiwa", True, "toy")
     q, at, turn = np.array(one.posture), np.array([0.5, 0.2, 0.5]), np.eye(3)
     reach(one.chain, q, at, turn, 1, 1.0)
-    track(one.chain, q, q.copy(), at, at, turn, 0.0, np.zeros_like(q), np.zeros_like(q))
+    track(
+        one.chain, q, q.copy(), at, at, turn, np.ones_like(q), np.zeros((0, 4)), 0.0, np.zeros_like(q), np.zeros_like(q)
+    )
 
 
 def evaluate(chosen: Sequence[Any]) -> None:

@@ -28,11 +28,11 @@ def make_project(root: Path, *names: str) -> Path:
     return root
 
 
-def run_timed(root: Path, name: str) -> tuple[dict[str, object], float]:
-    """Run an experiment in a process of its own; its document and the wall-clock seconds."""
+def run_timed(root: Path, name: str, command: str = "run") -> tuple[dict[str, object], float]:
+    """Run an experiment, or up to a stage, in a process of its own; its document and the wall-clock seconds."""
     begin = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-c", "from stages.cli import app; app()", "run", name, "--json"],
+        [sys.executable, "-c", "from stages.cli import app; app()", command, name, "--json"],
         env={**os.environ, "CLPV_ROOT": str(root), "PYTHONPATH": str(CHECKOUT)},
         capture_output=True,
         text=True,

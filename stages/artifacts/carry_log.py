@@ -12,7 +12,7 @@ from stages.artifacts.channels import Channel, Flags, JointStates, Points, Poses
 from stages.artifacts.log import read_log, write_log
 from stages.policy.carrying import Phase
 
-FRAME = "world"
+FRAME, SIDES = "world", ("left", "right")
 FACING = {"left": (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)), "right": (-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))}
 """Quaternions x y z w of the pads: their axis points at the box, along -y and +y."""
 
@@ -22,7 +22,7 @@ def write_carry_log(path: Path, rollout: Any) -> None:
     carried, time = rollout.carried, rollout.time
     n = time.shape[0]
     channels: list[Channel] = []
-    for side, name in enumerate(("left", "right")):
+    for side, name in enumerate(SIDES):
         facing, pressed, true = np.tile(FACING[name], (n, 1)), np.zeros((n, 3)), np.zeros((n, 3))
         pressed[:, 2], true[:, 2] = carried.force[:, side], carried.contact[:, side]
         joints = tuple(f"{name}_{k + 1}" for k in range(carried.q.shape[2]))
@@ -47,6 +47,11 @@ def write_carry_log(path: Path, rollout: Any) -> None:
         Points(topic="/policy/p_hat", frame=FRAME, time=time, position=rollout.p_hat),
         Flags(topic="/policy/gate", time=time, values=np.asarray(rollout.gate, dtype=np.bool_)),
         Words(topic="/phase", time=time, values=tuple(str(tuple(Phase)[code]) for code in carried.phase)),
+        Words(topic="/policy/pushed", time=time, values=tuple(("", *SIDES)[code + 1] for code in carried.named)),
+        *(
+            Flags(topic=f"/truth/{name}_pushed", time=time, values=np.asarray(carried.acting[:, side], dtype=np.bool_))
+            for side, name in enumerate(SIDES)
+        ),
     ]
     details = {"rollout": rollout.rollout, "outcome": str(rollout.outcome), "facts": rollout.scene_facts}
     write_log(path, channels, details)
@@ -62,7 +67,7 @@ def write_demonstration(path: Path, done: Any, seed: int, number: int) -> None:
     """
     time, n = done.time, done.time.shape[0]
     channels: list[Channel] = []
-    for side, name in enumerate(("left", "right")):
+    for side, name in enumerate(SIDES):
         facing, pressed = np.tile(FACING[name], (n, 1)), np.zeros((n, 3))
         pressed[:, 2] = done.force[:, side]
         channels += [

@@ -10,7 +10,7 @@ from stages.artifacts.parquet import Column, Schema, records, write
 
 SCHEMA = Schema(
     name="metrics",
-    version=5,
+    version=6,
     columns=(
         Column(name="dataset", type="text"),
         Column(name="dynamics", type="text"),
@@ -43,6 +43,8 @@ SCHEMA = Schema(
         Column(name="scene", type="text"),
         Column(name="traps", type="int"),
         Column(name="compliance", type="bool"),
+        Column(name="following", type="bool"),
+        Column(name="coupling", type="bool"),
         Column(name="delivered", type="bool"),
         Column(name="dropped", type="bool"),
         Column(name="delivery_error_mm", unit="mm"),
@@ -57,6 +59,18 @@ SCHEMA = Schema(
         Column(name="band_fraction"),
         Column(name="grip_ratio"),
         Column(name="bias_n", unit="N"),
+        Column(name="pushed", type="text"),
+        Column(name="named", type="text"),
+        Column(name="deviation_max_mm", unit="mm"),
+        Column(name="moved_while_away_mm", unit="mm"),
+        Column(name="box_back_mm", unit="mm"),
+        Column(name="desired_force_n", unit="N"),
+        Column(name="length_error_mm", unit="mm"),
+        Column(name="mass_error_g", unit="g"),
+        Column(name="box_room_min_mm", unit="mm"),
+        Column(name="arm_room_min_mm", unit="mm"),
+        Column(name="box_contacts", type="int"),
+        Column(name="arm_contacts", type="int"),
     ),
 )
 

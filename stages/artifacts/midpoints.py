@@ -86,6 +86,7 @@ def read_midpoints(path: Path) -> Midpoints:
             time=columns["t"][first:last],
             position=np.column_stack([columns[axis][first:last] for axis in axes]),
             velocity=np.column_stack([columns["v" + axis][first:last] for axis in axes]),
+            separation=_mean(columns["separation"][first:last]),
         )
         for first, last in runs(labels)
     )
@@ -103,3 +104,8 @@ def training_set(midpoints: Midpoints) -> tuple[Array, Array, Array]:
     position = np.concatenate([t.position for t in chosen])
     velocity = np.concatenate([t.velocity for t in chosen])
     return position, velocity, np.array([t.time.shape[0] for t in chosen])
+
+
+def _mean(separation: Array) -> float | None:
+    """Mean of the arms' distances, metres; none: of a single point."""
+    return None if np.isnan(separation).any() else float(separation.mean())

@@ -17,11 +17,13 @@ from stages.policy.outcome import Status
 from stages.trajectory import Array, frozen
 
 SIDES = ("left", "right")
+NAMED = ("", *SIDES)
+ROOMS = ("box", "arm")
 JOINTS = (("q", "rad"), ("qdot", "rad/s"))
 
 SCHEMA = Schema(
     name="rollouts",
-    version=3,
+    version=4,
     columns=(
         Column(name="rollout", type="label"),
         Column(name="step", type="int"),
@@ -40,6 +42,11 @@ SCHEMA = Schema(
         *(Column(name=f"{side}_{name}", unit="N") for name in ("force", "contact") for side in SIDES),
         *(Column(name=f"{side}_commanded", type="vector", unit="m") for side in SIDES),
         *(Column(name=f"{side}_{name}", type="vector", unit=unit) for name, unit in JOINTS for side in SIDES),
+        Column(name="desired", unit="N"),
+        *(Column(name=f"{side}_residual", unit="m") for side in SIDES),
+        Column(name="named", type="label"),
+        *(Column(name=f"{side}_pushed", type="bool") for side in SIDES),
+        *(Column(name=f"{what}_room", unit="m") for what in ROOMS),
     ),
 )
 
@@ -72,6 +79,12 @@ class RecordedCarry:
         pads: array, shape (n, 2, 3), metres: middles of the pads' faces, left and right.
         box, turn: arrays, shapes (n, 3), metres, and (n, 4): centre of the box and its quaternion x y z w.
         force, contact: arrays, shape (n, 2), newtons: pressing forces as measured and filtered, and as they truly were.
+        desired: array, shape (n,), newtons: F_d.
+        residual: array, shape (n, 2), metres: by how much each pad is elsewhere than if nobody touched it, as found.
+        named: array of text, shape (n,): the arm that was taken for pushed; "": none.
+        pushed: array of bool, shape (n, 2): the arms that truly were.
+        box_room, arm_room: arrays, shape (n,), metres: how far box and arms were from the nearest pot; nan: there
+            was none.
         facts: what this box was: mass, friction, goal, box, compliance and more.
     """
 
@@ -81,6 +94,12 @@ class RecordedCarry:
     turn: Array
     force: Array
     contact: Array
+    desired: Array
+    residual: Array
+    named: NDArray[Any]
+    pushed: NDArray[np.bool_]
+    box_room: Array
+    arm_room: Array
     facts: Mapping[str, Any]
 
 
@@ -141,7 +160,7 @@ class RecordedRollout:
         return self.controller if self.controller == "lpvds" else f"{self.controller} {self.mode}"
 
 
-CARRIED = ("phase", "pads", "box", "turn", "force", "contact")
+CARRIED = ("phase", "pads", "box", "turn", "force", "contact", "desired", "residual", "named", "acting")
 
 CASE = ("rollout", "controller", "mode", "avoidance", "condition", "dataset", "demo", "split", "outcome", "scene")
 
@@ -227,7 +246,12 @@ def _carry_columns(rollouts: Sequence[Any]) -> dict[str, Any]:
         columns[f"box_q{name}"] = joined["turn"][:, axis]
     for side, word in enumerate(SIDES):
         columns[f"{word}_force"], columns[f"{word}_contact"] = joined["force"][:, side], joined["contact"][:, side]
+        columns[f"{word}_residual"], columns[f"{word}_pushed"] = joined["residual"][:, side], joined["acting"][:, side]
         columns |= {f"{word}_{name}": list(joined[name][:, side]) for name in lists}
+    columns["desired"] = joined["desired"]
+    columns["named"] = Coded(codes=joined["named"] + 1, names=list(NAMED))
+    for what in ROOMS:
+        columns[f"{what}_room"] = np.concatenate([getattr(r.carried, f"{what}_room") for r in rollouts])
     return columns
 
 
@@ -243,6 +267,12 @@ def _carry(columns: Mapping[str, Any], part: slice, facts: Mapping[str, Any]) ->
         turn=stacked(*(f"box_q{axis}" for axis in "xyzw")),
         force=stacked(*(f"{side}_force" for side in SIDES)),
         contact=stacked(*(f"{side}_contact" for side in SIDES)),
+        desired=frozen(columns["desired"][part]),
+        residual=stacked(*(f"{side}_residual" for side in SIDES)),
+        named=columns["named"][part],
+        pushed=np.column_stack([columns[f"{side}_pushed"][part] for side in SIDES]).astype(np.bool_),
+        box_room=frozen(columns["box_room"][part]),
+        arm_room=frozen(columns["arm_room"][part]),
         facts=facts,
     )
 

@@ -17,7 +17,8 @@ from stages.trajectory import Array
 
 MM = 1e3
 BAND = (0.4, 2.0)
-"""Of the desired force: 2 to 10 N where it is 5; below, a box slips, above, it is crushed."""
+"""Of the force that was asked for, whatever it was raised to for a heavy box: 2 to 10 N where it is 5; below, a box
+slips, above, it is crushed."""
 
 FALLEN = 0.05
 """Metres below the pads, or below its goal's and start's height, at which a box has been dropped."""
@@ -64,7 +65,8 @@ def grip(carry: Any, outcome: str) -> Grip:
     facts = carry.facts
     goal, lowest = np.array(facts["goal"]), min(facts["goal"][2], facts["start"][2]) - FALLEN
     carried = carry.phase == str(Phase.CARRY)
-    held, sunk = carried | (carry.phase == str(Phase.LOST)), carry.pads[:, :, 2].mean(axis=1) - carry.box[:, 2]
+    hangs = [str(phase) for phase in (Phase.LOST, Phase.STOPPED)]
+    held, sunk = carried | np.isin(carry.phase, hangs), carry.pads[:, :, 2].mean(axis=1) - carry.box[:, 2]
     figures: dict[str, float | None] = dict.fromkeys(
         (
             "tilt_max_deg",
@@ -96,7 +98,7 @@ def grip(carry: Any, outcome: str) -> Grip:
     return Grip(
         compliance=bool(facts["compliance"]),
         delivered=outcome == Outcome.ARRIVED,
-        dropped=bool((sunk[held] > FALLEN).any() or (carry.box[:, 2] < lowest).any()),
+        dropped=outcome != Outcome.ARRIVED and bool((sunk[held] > FALLEN).any() or (carry.box[:, 2] < lowest).any()),
         delivery_error_mm=float(np.linalg.norm(carry.box[-1] - goal)) * MM,
         grip_ratio=float(facts["grip_ratio"]),
         bias_n=float(np.mean(facts["bias"])),

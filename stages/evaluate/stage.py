@@ -20,6 +20,7 @@ def run(context: StageContext) -> None:
     from stages.dynamics.lpvds import velocity_error
     from stages.evaluate.compare import MM, compare
     from stages.evaluate.force import grip, way_error
+    from stages.evaluate.pushed import pushed
 
     references = {(t.dataset, t.demo): t for t in read_midpoints(context.inputs["midpoints"]).trajectories}
     rollouts, goal = read_rollouts(context.inputs["rollouts"])
@@ -50,6 +51,7 @@ def run(context: StageContext) -> None:
         field = {"dynamics": kind, "velocity_rmse_mm_s": errors[rollout.dataset, rollout.demo]}
         held = {} if rollout.carry is None else asdict(grip(rollout.carry, rollout.outcome))
         if rollout.carry is not None:  # pads slide on down after the way's end
+            held |= asdict(pushed(rollout.carry, rollout.x, rollout.gate))
             held["final_error_mm"] = way_error(rollout.carry, rollout.executed, goal) * MM
         rows.append(
             {

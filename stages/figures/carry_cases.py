@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stages.artifacts.rollouts import RecordedRollout
+from stages.artifacts.rollouts import RecordedCarry, RecordedRollout
 from stages.evaluate.summary import group
-from stages.figures.numbers import cell, kind_name
+from stages.figures.numbers import MISSING, cell, kind_name
 from stages.figures.results import PointResults, Results
 from stages.policy.admittance import settled_force
-from stages.rollout.parameters import CarryParameters
+from stages.rollout.parameters import CarryCondition, CarryParameters
 
 NO_LAW = "none"
 LAWS = {"robust": "admittance, robust", "paper": "admittance as printed", NO_LAW: "no compliance"}
@@ -51,8 +51,36 @@ class Held:
     def title(self) -> str:
         """What pictures call it."""
         law = {"paper": ", as printed", "robust": "", NO_LAW: ""}[self.law]
-        apart = [part for part in (self.variant, self.kind and f"{kind_name(self.kind)} dynamics") if part]
-        return ", ".join([self.condition + law, *apart])
+        return ", ".join([self.condition + law, *self._apart])
+
+    @property
+    def name(self) -> str:
+        """What pictures call it that say elsewhere how the arms pressed."""
+        return ", ".join([self.condition, *self._apart])
+
+    @property
+    def _apart(self) -> list[str]:
+        return [part for part in (self.variant, self.kind and f"{kind_name(self.kind)} dynamics") if part]
+
+    @property
+    def asked(self) -> CarryCondition | None:
+        """The condition as a person asked for it, of the first point; none: it has another name there."""
+        return next((c for c in carry_parameters(self.points[0]).conditions if c.name == self.condition), None)
+
+    @property
+    def pushed(self) -> bool:
+        """Whether arms were to be pushed."""
+        return any(carry.facts["pushes"] for carry in self.carries)
+
+    @property
+    def among_pots(self) -> bool:
+        """Whether something was in the way."""
+        return any(carry.facts["pots"] for carry in self.carries)
+
+    @property
+    def carries(self) -> list[RecordedCarry]:
+        """What arms and boxes did, in order."""
+        return [r.carry for r in self.rollouts if r.carry is not None]
 
     @property
     def rollouts(self) -> list[RecordedRollout]:
@@ -65,12 +93,19 @@ class Held:
         """Forces on which the law settles, newtons, one for each value of its parameters; empty without compliance."""
         if self.law == NO_LAW:
             return ()
-        given = [carry_parameters(point).admittance for point in self.points]
-        return tuple(dict.fromkeys(settled_force(a.force, a.k_p) if self.law == "paper" else a.force for a in given))
+        if self.law != "paper":
+            return self.desired
+        k_p = {point.point.id: carry_parameters(point).admittance.k_p for point in self.points}
+        return tuple(dict.fromkeys(settled_force(row["desired_force_n"], k_p[row["point"]]) for row in self.rows))
 
     @property
     def desired(self) -> tuple[float, ...]:
-        """F_d, newtons, one for each value of the parameters."""
+        """F_d in the end, newtons, one for each value: it is raised for boxes that turn out to be heavy."""
+        return tuple(dict.fromkeys(row["desired_force_n"] for row in self.rows))
+
+    @property
+    def given(self) -> tuple[float, ...]:
+        """F_d as it was set, newtons, one for each value of the parameters."""
         return tuple(dict.fromkeys(carry_parameters(point).admittance.force for point in self.points))
 
 
@@ -104,6 +139,30 @@ def held_groups(results: Results) -> list[Held]:
 def law_of(row: Any) -> str:
     """The law by which arms pressed in a roll-out, from its row: a key of `LAWS`."""
     return str(row["mode"]) if row["compliance"] else NO_LAW
+
+
+def difference(row: Any) -> str:
+    """What a roll-out, from its row, does otherwise than the robust form, in words; a dash: nothing."""
+    printed = [number for number, on in (("(14)", row["following"]), ("(17)", row["compliance"])) if on]
+    parts = [
+        f"{'eqs.' if len(printed) > 1 else 'eq.'} {', '.join(printed)} as printed"
+        if row["mode"] == "paper" and printed
+        else "",
+        "" if row["following"] else "arms do not follow each other",
+        "" if row["compliance"] else "no compliance",
+        "" if row["coupling"] else "x does not wait",
+    ]
+    return ", ".join(filter(None, parts)) or MISSING
+
+
+def asks(row: Any) -> bool:
+    """Whether the arms of a roll-out, from its row, ask which of them is pushed: as printed, eq. (14) does not."""
+    return bool(row["following"]) and row["mode"] != "paper"
+
+
+def number_of(row: Any) -> str:
+    """The number of a roll-out's box, from its row: the same box under all conditions."""
+    return str(row["rollout"]).rpartition("/")[2]
 
 
 def _variant(point: PointResults) -> str:

@@ -1,4 +1,7 @@
-"""Where the carrying of a box departs from the paper's print, and why: rows for `deviations.py`. Parameters in."""
+"""Where the carrying of a box departs from the paper's print, and why: rows for `deviations.py`. Parameters in.
+
+Not here: pushes on the arms (`following_deviations.py`), pots in the way (`avoidance_deviations.py`).
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,8 @@ Y_DOT, Y_DDOT, E_DOT = "y\u0307", "y\u0308", "e\u0307"
 
 
 def carrying(rollout: CarryParameters) -> list[Deviation]:
-    """Rows on eqs. (13)-(18) that apply."""
-    rows = [
-        Deviation(
-            where="(14)",
-            printed="An arm that is pushed aside is followed by the other one",
-            here="Not used.",
-            why="No arm is pushed aside in these roll-outs.",
-        )
-    ]
+    """Rows on eqs. (15)-(18) that apply."""
+    rows = []
     if any(condition.compliance for condition in rollout.conditions):
         rows += _admittance(rollout)
     if not all(condition.compliance for condition in rollout.conditions):

@@ -31,7 +31,7 @@ from stages.figures.results import Results
 from stages.figures.teleoperation_figure import teleoperation_figure
 from stages.policy.carrying import Phase
 from stages.policy.outcome import Outcome
-from stages.rollout.carry import MISPLACED, TILTED
+from stages.rollout.carry_guard import MISPLACED, TILTED
 
 MOST_GROUPS = 4
 """Ways to hold a box that pictures show; tables show all."""
@@ -48,11 +48,11 @@ def carry_section(results: Results | None) -> Section | None:
     if results is None:
         return None
     groups = held_groups(results)
-    shown = chosen(groups)
-    blocks: list[Block] = [_ways(results, shown), delivery_table(groups)]
+    shown = chosen([held for held in groups if is_plain(held)])
+    blocks: list[Block] = [*([_ways(results, shown)] if shown else []), delivery_table(groups)]
     failures = failures_table(groups)
     blocks += [failures] if failures is not None else []
-    blocks += [_forces(results, shown), force_table(groups), _settling(groups)]
+    blocks += [*([_forces(shown)] if shown else []), force_table(groups), _settling(groups)]
     led = teleoperation_figure(results.shown)
     blocks += [led] if led is not None else []
     blocks += [_rise(results), rollouts_table(groups)]
@@ -60,10 +60,14 @@ def carry_section(results: Results | None) -> Section | None:
 
 
 def carry_sentence(results: Results | None) -> str:
-    """How many boxes were delivered, and how hard they were pressed, by law; empty where there are none."""
-    if results is None:
+    """How many boxes were delivered, and how hard they were pressed, by law, where nothing happened on the way.
+
+    Empty where there are none.
+    """
+    every = [] if results is None else held_groups(results)
+    groups = [held for held in every if is_plain(held)]
+    if not groups:
         return ""
-    groups = held_groups(results)
     laws = group([{"law": held.law, "held": held} for held in groups], lambda row: (row["law"],))
     said = []
     for (law,), members in laws.items():
@@ -74,7 +78,13 @@ def carry_sentence(results: Results | None) -> str:
         pressed = "never carried" if force is None else f"mean contact force {number(force)} N"
         said.append(f"{name} {delivered} of {len(rows)} ({pressed})")
     wanted = span([force for held in groups for force in held.desired])
-    return f"Boxes that two arms delivered: {joined(said)}; {wanted} N were wanted."
+    where = "Boxes" if len(groups) == len(every) else "Where nothing happened on the way, boxes"
+    return f"{where} that two arms delivered: {joined(said)}; {wanted} N were wanted."
+
+
+def is_plain(held: Held) -> bool:
+    """Whether nobody was to be pushed and nothing was in the way."""
+    return not (held.pushed or held.among_pots)
 
 
 def chosen(groups: Sequence[Held]) -> list[Held]:
@@ -131,7 +141,7 @@ def _ways(results: Results, groups: Sequence[Held]) -> Figure:
     )
 
 
-def _forces(results: Results, groups: Sequence[Held]) -> Figure:
+def _forces(groups: Sequence[Held]) -> Figure:
     """Fig. 5c. Rows: how the box was held. Columns: left and right arm."""
     lifted = {held.title: [(carry, r.time - r.time[_lift(carry)]) for r, carry in _carries(held)] for held in groups}
     clocks = [time for found in lifted.values() for _, time in found]
@@ -139,12 +149,12 @@ def _forces(results: Results, groups: Sequence[Held]) -> Figure:
     panels, cut = [], 0.0
     for held in groups:
         found = lifted[held.title]
-        low, high = (share * held.desired[0] for share in BAND)
+        low, high = (share * held.given[0] for share in BAND)
         first = next((one for one in found if (one[0].phase == str(Phase.CARRY)).any()), found[0])
         for side, arm in enumerate(("left", "right")):
             pressed = [Pressed(time=time, force=carry.contact[:, side]) for carry, time in found]
             peak = max(float(one.force.max()) for one in pressed)
-            if peak > force_top(held.desired, (low, high)):
+            if peak > force_top(held.given, (low, high)):
                 cut = max(cut, peak)
             title = f"{held.title}: {arm} arm"
             carried = [carry.contact[carry.phase == str(Phase.CARRY), side] for carry, _ in found]
@@ -155,11 +165,12 @@ def _forces(results: Results, groups: Sequence[Held]) -> Figure:
                 if forces.size
                 else "no box was carried"
             )
-            svg = force_panel(pressed, _phases(*first), held.desired, (low, high), title, COLOURS[held.law], length, 2)
+            svg = force_panel(pressed, _phases(*first), held.given, (low, high), title, COLOURS[held.law], length, 2)
             panels.append(
                 Panel(svg=svg, alt=f"{title}, contact force over time, {counted(len(found), 'roll-out')}: {said}.")
             )
-    force = groups[0].desired[0]
+    force = groups[0].given[0]
+    raised = max(f for held in groups for f in held.desired)
     band = f"{given(BAND[0] * force)} to {given(BAND[1] * force)} N"
     sentences = [
         "Fig. 5c. Contact forces as they truly were, not as the wrists measured them. 0 s: the box is lifted. Phases "
@@ -167,6 +178,9 @@ def _forces(results: Results, groups: Sequence[Held]) -> Figure:
         f"Of more than {MOST_LINES} roll-outs: the median, and between which forces nine in ten are."
         if any(len(found) > MOST_LINES for found in lifted.values())
         else "A line for each roll-out.",
+        f"For boxes that turned out to be heavy F_{{d}} was raised, up to {number(raised)} N."
+        if raised > max(f for held in groups for f in held.given)
+        else "",
         f"Peaks of up to {number(cut)} N are cut off at {given(HIGHEST)} F_{{d}}." if cut else "",
     ]
     return Figure(
@@ -175,7 +189,7 @@ def _forces(results: Results, groups: Sequence[Held]) -> Figure:
         legend=(
             *_law_keys(groups),
             Key(
-                label=f"desired force, {span([f for held in groups for f in held.desired])} N",
+                label=f"desired force, {span([f for held in groups for f in held.given])} N",
                 colour="ink",
                 mark="dashed",
             ),
@@ -230,9 +244,17 @@ def _settling(groups: Sequence[Held]) -> Paragraph:
 
 def _rise(results: Results) -> Paragraph:
     """The check of V along x over all roll-outs."""
-    rise = max(row["lyapunov_rise_max"] for row in results.rows)
-    said = "never rose by more than rounding explains" if rise == 0 else f"rose by {number(rise * MM**2)} mm² at most"
+    risen = group([row for row in results.rows if row["lyapunov_rise_max"] > 0.0], lambda row: (row["condition"],))
+    calm = len(results.rows) - sum(map(len, risen.values()))
+    said = [
+        f"never rose by more than rounding explains in one step of any of {counted(calm, 'roll-out')}" if calm else "",
+        *(
+            f"rose by up to {number(max(row['lyapunov_rise_max'] for row in rows) * MM**2)} mm² in "
+            f"{counted(len(rows), 'roll-out')} under {condition}"
+            for (condition,), rows in risen.items()
+        ),
+    ]
     return Paragraph(
-        text=f"V along x {said} in one step of any of {counted(len(results.rows), 'roll-out')}. A box counts as "
+        text=f"V along x {joined([part for part in said if part])}. A box counts as "
         f"delivered within {given(MISPLACED * MM)} mm of the goal and tilted by at most {given(TILTED)} degrees."
     )

@@ -13,9 +13,10 @@ from pipeline.report import Table
 from stages.evaluate.force import BAND
 from stages.evaluate.summary import mean
 from stages.figures.carry_cases import LAWS, Held
-from stages.figures.numbers import MISSING, MM, NO_BREAK, given, kind_name, number, percent, span
+from stages.figures.numbers import MISSING, MM, given, kind_name, number, percent, span
+from stages.figures.shares import of
+from stages.policy.estimation import FIRM
 from stages.policy.outcome import Outcome
-from stages.rollout.physics import FIRM
 
 Rows = Sequence[dict[str, Any]]
 
@@ -33,7 +34,7 @@ def delivery_table(groups: Sequence[Held]) -> Table:
             (
                 *lead(held),
                 span(errors) if errors else MISSING,
-                _of(len(delivered), len(held.rows)),
+                of(len(delivered), len(held.rows)),
                 number(sum(row["dropped"] for row in held.rows)),
                 _otherwise(held.rows),
                 number(mean(row["delivery_error_mm"] for row in delivered)),
@@ -93,7 +94,7 @@ def force_table(groups: Sequence[Held]) -> Table:
                 _share(min((row["band_fraction"] for row in carried), default=None)),
             )
         )
-    low, high = (given(share * groups[0].desired[0]) for share in BAND)
+    low, high = (given(share * groups[0].given[0]) for share in BAND)
     caption = (
         f"Contact force while carried, as it truly was, both arms pooled. Band: both forces within {low} to {high} N"
     )
@@ -181,7 +182,7 @@ def failures_table(groups: Sequence[Held]) -> Table | None:
         counted = Counter(row["outcome"] for row in held.rows if row["outcome"] != Outcome.ARRIVED)
         for outcome, count in counted.items():
             remedy = next((o.remedy for o in Outcome if o.value == outcome), "")
-            rows.append((held.title, LAWS[held.law], _of(count, len(held.rows)), outcome, remedy))
+            rows.append((held.title, LAWS[held.law], of(count, len(held.rows)), outcome, remedy))
     if not rows:
         return None
     return Table(
@@ -214,10 +215,6 @@ def _slip(rows: Rows) -> tuple[str, str]:
 
 def _most(rows: Rows, name: str) -> float | None:
     return max((row[name] for row in rows if row[name] is not None), default=None)
-
-
-def _of(count: int, total: int) -> str:
-    return f"{count} of {total}".replace(" ", NO_BREAK)
 
 
 def _share(value: float | None) -> str:

@@ -61,10 +61,21 @@ def styles(kinds: Mapping[str, str]) -> dict[str, int]:
     return found
 
 
-def clearance_panel(lines: Sequence[Line], title: str, columns: int) -> str:
-    """Distance of the executed state from the nearest obstacle over time, mm; a cross where a path ends short."""
-    marks = styles({line.method: line.kind for line in lines})
-    low, top = _limits(lines)
+def clearance_panel(
+    lines: Sequence[Line],
+    title: str,
+    columns: int,
+    *,
+    marks: Mapping[str, int] | None = None,
+    extent: tuple[float, tuple[float, float]] | None = None,
+) -> str:
+    """Distance of the executed state from the nearest obstacle over time, mm; a cross where a path ends short.
+
+    `marks`: as of `styles`, where panels share a legend. `extent`: the last second, and the range in mm, where they
+    share axes.
+    """
+    marks = styles({line.method: line.kind for line in lines}) if marks is None else marks
+    low, top = _limits(lines) if extent is None else extent[1]
     with drawing(panel_width(columns), 3.0) as (figure, (axes,)):
         axes.axhspan(low, 0.0, color=colour("muted"), alpha=0.35, lw=0)
         axes.grid(axis="y")
@@ -76,15 +87,24 @@ def clearance_panel(lines: Sequence[Line], title: str, columns: int) -> str:
                 axes.plot(
                     line.time[-1], line.clearance[-1] * MM, "X", ms=7, color=drawn, mec=colour("surface"), mew=0.6
                 )
-        longest = (
-            max(float(line.time[-1]) for line in lines if not line.stopped or len(lines) == 1)
-            if any(not line.stopped for line in lines)
-            else max(float(line.time[-1]) for line in lines)
-        )
+        longest = _longest(lines) if extent is None else extent[0]
         axes.set(xlim=(0.0, max(longest, 1e-9)), ylim=(low, top), title=title)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("clearance [mm]")
         return svg(figure)
+
+
+def whole_extent(lines: Sequence[Line]) -> tuple[float, tuple[float, float]]:
+    """The last second of the longest path, and the range that holds all that arrive, mm; all, where none does."""
+    kept = [line for line in lines if not line.stopped] or list(lines)
+    low, top = (float(bound([bound(line.clearance) for line in kept])) * MM for bound in (np.nanmin, np.nanmax))
+    top = max(HIGH * top, 1.0)
+    return _longest(lines), (min(-0.12 * top, HIGH * low), top)
+
+
+def _longest(lines: Sequence[Line]) -> float:
+    """The last second of the longest path that arrives; of the longest, where none does."""
+    return max(float(line.time[-1]) for line in [line for line in lines if not line.stopped] or lines)
 
 
 def _limits(lines: Sequence[Line]) -> tuple[float, float]:

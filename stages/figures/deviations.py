@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from stages.figures.avoidance_deviations import avoidance
+from stages.figures.avoidance_deviations import avoidance, pots
 from stages.figures.carry_deviations import carrying
 from stages.figures.conditions import when
 from stages.figures.deviation import X_DOT, Deviation, Resolved
+from stages.figures.following_deviations import following
 from stages.figures.numbers import MINUS, MM, given, joined, span
 from stages.policy.coupling import SPEED_ALLOWANCE, gate_for
 from stages.rollout.parameters import CarryParameters, ClpvdsController, Displacement, RolloutParameters
@@ -38,7 +39,15 @@ def deviations(parameters: Mapping[str, Any], resolved: Sequence[Resolved]) -> l
     rollout, dynamics = parameters["rollout"], parameters["dynamics"]
     if isinstance(rollout, CarryParameters):
         found = [coupling for r in resolved for coupling in r.couplings.values()]
-        cases = [*_integrator("cayley", dynamics), *_dynamics(dynamics), *_robust(found), *_proof(), *carrying(rollout)]
+        cases = [
+            *_integrator("cayley", dynamics),
+            *_dynamics(dynamics),
+            *_robust(found),
+            *_proof(),
+            *following(rollout, resolved),
+            *carrying(rollout),
+            *pots(rollout),
+        ]
     else:
         cases = [
             *_integrator(rollout.integrator, dynamics),

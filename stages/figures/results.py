@@ -27,6 +27,7 @@ from stages.dynamics.lpvds import LpvDs
 from stages.dynamics.stage import STAGE as DYNAMICS
 from stages.figures.conditions import among_obstacles
 from stages.figures.deviation import Resolved
+from stages.figures.excursions import strayed
 from stages.figures.numbers import KINDS
 from stages.rollout.parameters import CarryParameters, Condition, RolloutParameters
 from stages.trajectory import Array
@@ -114,7 +115,8 @@ class PointResults:
         """What the motion made of its controllers' parameters."""
         details = rollouts_table.read_details(self.files["rollouts"])
         couplings = {label(c): c["coupling"] for c in details["controllers"] if c["kind"] != "lpvds"}
-        return Resolved(top_speed=details["top_speed"], couplings=couplings)
+        stray = strayed(self.rollouts) if self.carries else ()
+        return Resolved(top_speed=details["top_speed"], couplings=couplings, strayed=stray)
 
     @cached_property
     def rows(self) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from stages.evaluate.summary import by_condition
 from stages.figures.accuracy_section import accuracy_section
 from stages.figures.carry_section import carry_section, carry_sentence
 from stages.figures.certificates_section import certificates
+from stages.figures.estimates_section import estimates_section
 from stages.figures.kinds_section import kinds_section, kinds_sentence
 from stages.figures.numbers import (
     UNDISTURBED,
@@ -25,6 +26,8 @@ from stages.figures.numbers import (
     percent,
 )
 from stages.figures.obstacles_section import obstacles_section, obstacles_sentence
+from stages.figures.pots_section import pots_section, pots_sentence
+from stages.figures.pushed_section import pushed_section, pushed_sentence
 from stages.figures.record_sections import deviations_section, parameters, provenance
 from stages.figures.recordings_section import recordings_section
 from stages.figures.results import Results, label
@@ -38,8 +41,11 @@ def lead(results: Results) -> list[Block]:
     experiment = results.experiment
     points = results.carrying(arms=False)
     free = None if points is None else points.own.part(among=False)
+    arms = results.own.carrying(arms=True)
     sentences = [
-        carry_sentence(results.own.carrying(arms=True)),
+        pushed_sentence(arms),
+        pots_sentence(arms),
+        carry_sentence(arms),
         "" if points is None else obstacles_sentence(points),
         "" if points is None else kinds_sentence(points),
         "" if free is None else result_sentence(free.rows),
@@ -72,8 +78,18 @@ def sections(results: Results) -> list[Section]:
         of_kind = f" \u00b7 {kind_name(results.kind)}"
         shown = [section and replace(section, title=section.title + of_kind) for section in shown]
     obstacles = None if points is None else obstacles_section(points)
-    carried = carry_section(own.carrying(arms=True))
-    made = [carried, obstacles, kinds, *shown, parameters(results), provenance(results)]
+    arms = own.carrying(arms=True)
+    made = [
+        pushed_section(arms),
+        pots_section(arms),
+        carry_section(arms),
+        estimates_section(arms),
+        obstacles,
+        kinds,
+        *shown,
+        parameters(results),
+        provenance(results),
+    ]
     return [section for section in made if section is not None]
 
 

@@ -85,6 +85,12 @@ def comply(admittance: Admittance, dt: float, state: Array) -> None:
             state[arm, RATE] = rate / (1.0 + dt * admittance.damping / admittance.mass)
         state[arm, OFFSET] += dt * state[arm, RATE]
         state[arm, ERROR] = error
+    leak(admittance, dt, state)
+
+
+@compiled
+def leak(admittance: Admittance, dt: float, state: Array) -> None:
+    """Let what both offsets share leak away for dt seconds: no force sees it. `state`: shape (2, 4), modified."""
     # Outwards is +y of the left arm and -y of the right one.
     shared = 0.5 * (state[0, OFFSET] - state[1, OFFSET])
     shift = shared * (math.exp(-admittance.leak * dt) - 1.0)

@@ -14,7 +14,10 @@ from typing import Protocol
 
 import numpy as np
 
-from stages.policy.admittance import FORCE, OFFSET, RATE, Admittance, begin, comply, sense, settled_force
+from stages.policy.admittance import FORCE, OFFSET, RATE, Admittance, begin, comply, leak, sense, settled_force
+from stages.policy.estimation import KNOWN, Belief, BoxEstimate
+from stages.policy.mutual import NOBODY, SIDES, Arms, MutualFollowing
+from stages.policy.parameters import FollowingParameters
 from stages.trajectory import Array
 
 TOUCH = 0.2
@@ -54,20 +57,30 @@ class Phase(StrEnum):
     DONE = "done"
     MISSED = "missed"
     LOST = "lost"
+    STOPPED = "stopped"
 
 
-ENDED = (Phase.DONE, Phase.MISSED, Phase.LOST)
+ENDED = (Phase.DONE, Phase.MISSED, Phase.LOST, Phase.STOPPED)
+
+HELD = (Phase.CARRY, Phase.STOPPED)
+"""The box hangs between the pads."""
 
 
 class Way(Protocol):
     """Where the midpoint of the pads goes: a policy, or an operator."""
 
-    def step(self, midpoint: Array) -> Array:
-        """The next midpoint, shape (3,), metres, from the present one."""
+    def step(self, midpoint: Array, *, return_speed: float | None) -> Array:
+        """The next midpoint, shape (3,), metres, from the present one.
+
+        `return_speed`: the way waits, and the midpoint comes back to it at so many m/s; none: it goes on.
+        """
 
     @property
     def ended(self) -> bool:
         """Whether the way is at its end."""
+
+    def gap(self, midpoint: Array) -> float:
+        """How far a midpoint, shape (3,), metres, is from where the way waits, metres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +94,10 @@ class Clamp:
         stand_off: metres from the faces at which pads begin and end.
         approach_speed: m/s, until contact.
         release_speed: m/s.
+        following: how arms follow each other, and when x waits; none: neither.
+        printed: whether they follow each other by eq. (14) as printed.
+        mutual: whether they follow each other at all; if not, x waits only.
+        belief: what is taken for granted of the box, and what is found out.
     """
 
     length: float
@@ -89,6 +106,10 @@ class Clamp:
     stand_off: float
     approach_speed: float
     release_speed: float
+    following: FollowingParameters | None = None
+    printed: bool = False
+    mutual: bool = True
+    belief: Belief = KNOWN
 
 
 class Carrier:
@@ -98,21 +119,28 @@ class Carrier:
         phase: what the arms are at.
         midpoint: array, shape (3,), metres: p_hat.
         pads, velocities: arrays, shape (2, 3), metres and m/s: of the left and the right pad, as commanded.
+        mutual: who is pushed; none: the arms do not ask.
+        box: what is known of the box.
     """
 
     def __init__(self, way: Way, start: Array, clamp: Clamp, dt: float, force: float) -> None:
         """Begin with pads at the stand-off beside `start`, shape (3,), metres; `dt`: seconds; `force`: F_d, N."""
         self._way, self._clamp, self._dt, self._desired = way, clamp, dt, force
         self._admittance = clamp.admittance or Admittance(1.0, 1.0, 0.0, 0.0, force, False, 0.0, 10.0)
-        self._settles = settled_force(force, self._admittance.k_p) if self._admittance.printed else force
         self._state = np.zeros((2, 4))
         self._state[:, OFFSET] = clamp.stand_off
         self.midpoint = np.array(start)
         self.phase = Phase.APPROACH
         self._since = self._settled = self._lost = 0.0
-        self._depth = 0.0
+        self._depth, self._lifted_from = 0.0, float(start[2])
+        self._touched, self._deeper = np.zeros(2, dtype=np.bool_), np.zeros(2)
+        self._arms: Arms | None = None
+        self.box = BoxEstimate(clamp.belief, clamp.length, dt)
         self.pads, self.velocities = np.empty((2, 3)), np.empty((2, 3))
+        self.mutual: MutualFollowing | None = None
         self._place(np.zeros(3))
+        if clamp.following is not None:
+            self.mutual = MutualFollowing(clamp.following, dt, self.pads, printed=clamp.printed, on=clamp.mutual)
 
     @property
     def forces(self) -> Array:
@@ -124,10 +152,32 @@ class Carrier:
         """How far pads stand outside of their places by eq. (13), shape (2,), metres."""
         return self._state[:, OFFSET].copy()
 
-    def step(self, measured: Array) -> None:
-        """Take in measured pressing forces, shape (2,), newtons, and move `pads` on by a cycle."""
+    @property
+    def desired(self) -> float:
+        """F_d now, newtons: more than was asked for where the box has turned out to be heavy."""
+        return self._admittance.force
+
+    def payload(self, load: Array) -> Array:
+        """What is to be fed forward, shape (2,), newtons; `load`: what pulls each pad down, shape (2,), newtons."""
+        return self.box.payload(load, self.phase in HELD)
+
+    def stop(self) -> None:
+        """Hold still from now on: something cannot go on."""
+        self._enter(Phase.STOPPED)
+        self.velocities[:] = 0.0
+
+    def step(self, measured: Array, arms: Arms | None = None) -> None:
+        """Take in measured pressing forces, shape (2,), newtons, and move `pads` on by a cycle.
+
+        `arms`: where they are; without it nobody is pushed, and nothing is found out about the box.
+        """
         sense(self._admittance, measured, self._dt, self._state)
         self._since += self._dt
+        self._arms = arms
+        if self.phase in ENDED:
+            return
+        if arms is not None:
+            self._watch(arms)
         velocity = np.zeros(3)
         if self.phase is Phase.APPROACH:
             self._approach()
@@ -136,7 +186,7 @@ class Carrier:
             self._state[:, OFFSET] += self._dt * self._clamp.release_speed
             if (self._state[:, OFFSET] >= self._clamp.stand_off).all():
                 self._enter(Phase.DONE)
-        elif self.phase not in ENDED:
+        else:
             self._hold()
             if self.phase is Phase.GRIP:
                 self._grip()
@@ -149,11 +199,32 @@ class Carrier:
     def _enter(self, phase: Phase) -> None:
         self.phase, self._since = phase, 0.0
 
+    def _watch(self, arms: Arms) -> None:
+        """Find out who is pushed, and what the box weighs."""
+        if self.mutual is not None and self.phase in (Phase.GRIP, Phase.CARRY):
+            settling = self.phase is Phase.GRIP
+            self.mutual.observe(arms, self.pads, self.velocities, self.midpoint, settling=settling)
+        if self.phase is Phase.CARRY:
+            calm = self.mutual is None or not self.mutual.waits
+            height, rise = float(self.midpoint[2]) - self._lifted_from, float(arms.velocity[:, 2].mean())
+            self.box.weigh(arms.load, height, calm=calm, rise=rise)
+            if self._clamp.admittance is not None:
+                raised = self.box.firm(self._desired)
+                self._admittance = self._admittance._replace(force=raised)
+        else:
+            self._lifted_from = float(self.midpoint[2])
+
     def _approach(self) -> None:
-        """Each pad goes inwards until it touches; without compliance, to its place."""
+        """Each pad goes inwards until it touches; without compliance, to its place, or a squeeze beyond the touch."""
         touching = self._state[:, FORCE] >= TOUCH * self._desired
-        comply_ = self._clamp.admittance is not None
-        there = touching if comply_ else self._state[:, OFFSET] <= -self._clamp.squeeze
+        if self._clamp.admittance is not None:
+            there = touching
+        elif self.box.measures_length:
+            self._touched |= touching
+            self._deeper = np.where(self._touched, self._deeper + self._dt * self._clamp.approach_speed, 0.0)
+            there = self._deeper > self._clamp.squeeze
+        else:
+            there = self._state[:, OFFSET] <= -self._clamp.squeeze
         self._state[:, RATE] = np.where(there, 0.0, -self._clamp.approach_speed)
         self._state[:, OFFSET] += self._dt * self._state[:, RATE]
         if there.all():
@@ -163,31 +234,49 @@ class Carrier:
             self._enter(Phase.MISSED)
 
     def _hold(self) -> None:
-        """Press on, and notice a box that is gone."""
+        """Press on, and notice a box that is gone. An arm that is pushed does not press: the other one does."""
+        pushed = NOBODY if self.mutual is None else self.mutual.pushed
         if self._clamp.admittance is None:
             self._state[:, RATE] = 0.0
-        else:
+        elif pushed == NOBODY:
             comply(self._admittance, self._dt, self._state)
-        if self.phase is Phase.CARRY and (self._state[:, FORCE] < LEAST * self._desired).any():
-            self._lost += self._dt
+        else:
+            offset = self._state[pushed, OFFSET]
+            comply(self._admittance._replace(leak=0.0), self._dt, self._state)
+            self._state[pushed, OFFSET], self._state[pushed, RATE] = offset, 0.0
+            if self.mutual is not None and self.mutual.returning:
+                leak(self._admittance, self._dt, self._state)
+        if self.phase is Phase.CARRY:
+            # A biased sensor still reads something where nothing is; a box that has come to stand presses on.
+            least = TOUCH if self.box.gone else LEAST
+            gone = (self._state[:, FORCE] < least * self._desired).any()
+            self._lost = self._lost + self._dt if gone else 0.0
             if self._lost >= LOST_TIME:
                 self._enter(Phase.LOST)
-        else:
-            self._lost = 0.0
 
     def _grip(self) -> None:
-        near = (np.abs(self._state[:, FORCE] - self._settles) <= SETTLED * self._desired).all()
+        a = self._admittance
+        settles = settled_force(a.force, a.k_p) if a.printed else a.force
+        near = (np.abs(self._state[:, FORCE] - settles) <= SETTLED * self._desired).all()
         self._settled = self._settled + self._dt if near else 0.0
         if self._settled >= GRIP_TIME or (self._clamp.admittance is None and self._since >= GRIP_TIME):
+            if self._arms is not None:
+                self._state[:, OFFSET] += self.box.span(self._arms.pads)
             self._enter(Phase.CARRY)
         elif self._since >= GRIP_PATIENCE:
             self._enter(Phase.MISSED)
 
     def _carry(self) -> Array:
-        following = self._way.step(self.midpoint)
-        velocity = (following - self.midpoint) / self._dt
+        midpoint, speed = self.midpoint, None
+        if self.mutual is not None:
+            midpoint = self.mutual.pull(midpoint)
+            speed = self.mutual.return_speed(self._way.gap(midpoint))
+        following = self._way.step(midpoint, return_speed=speed)
+        velocity = (following - midpoint) / self._dt
         self.midpoint = np.array(following)
-        if self._way.ended:
+        if self.mutual is not None:
+            self.mutual.recovered(self._way.gap(self.midpoint))
+        if self._way.ended and speed is None:
             self._enter(Phase.SET_DOWN)
         return velocity
 
@@ -203,11 +292,12 @@ class Carrier:
         return velocity
 
     def _place(self, velocity: Array) -> None:
-        """Put the pads beside the midpoint. Paper eqs. (13), (18)."""
-        for arm, side in enumerate((1.0, -1.0)):
-            self.pads[arm] = self.midpoint
-            self.pads[arm, 1] += side * (0.5 * self._clamp.length + self._state[arm, OFFSET])
-            self.velocities[arm] = velocity
+        """Put the pads beside the midpoint. Paper eqs. (13), (14), (18)."""
+        self.pads[:], self.velocities[:] = self.midpoint, velocity
+        if self.mutual is not None and self._arms is not None and self.phase in (Phase.CARRY, Phase.SET_DOWN):
+            self.mutual.place(self._arms, self.pads, self.velocities, self._state[:, OFFSET], self.box.length)
+        for arm, side in enumerate(SIDES):
+            self.pads[arm, 1] += side * (0.5 * self.box.length + self._state[arm, OFFSET])
             self.velocities[arm, 1] += side * self._state[arm, RATE]
 
 

@@ -19,7 +19,7 @@ from stages.policy.avoidance.parameters import Avoidance, Obstacle, RoasPlusPara
 from stages.policy.avoidance.scene import covered, merged, refusal, shapes_of, to_be_covered
 from stages.policy.avoidance.scratch import IGNORE
 from stages.policy.avoidance.shapes import Shapes
-from stages.policy.coupled import Coupling, observe
+from stages.policy.coupled import UNCOUPLED, Coupling, observe
 from stages.policy.field import field_of
 from stages.policy.outcome import Status
 from stages.policy.policy import Desk, Rules, act, desk
@@ -76,6 +76,11 @@ class Controller:
         return frozen(self._x)
 
     @property
+    def coupled(self) -> bool:
+        """Whether the executed state follows x; else it is x."""
+        return self._rules.coupling.kind != UNCOUPLED
+
+    @property
     def moving(self) -> bool:
         """Whether x moved in the last step: the gate of eq. (12)."""
         return self._open
@@ -85,14 +90,20 @@ class Controller:
         """What became of the last step."""
         return STATUSES[self._status]
 
-    def step(self, measured: ArrayLike) -> Array:
+    def step(self, measured: ArrayLike, *, return_speed: float | None = None) -> Array:
         """Return the next commanded state, shape (d,), metres, from the measured one, shape (d,), metres.
+
+        `return_speed`: x waits in this step, wherever the measured state is, and the commanded one comes back to it at
+        so many m/s; only of a coupled system.
 
         Raises DataError where the measured state is not d finite numbers: hold the robot.
         """
         self._command[:] = _numbers(measured, self._x.shape, "a state")
+        rules, waits = self._rules, False
+        if return_speed is not None and rules.coupling.kind != UNCOUPLED:
+            waits, rules = True, rules._replace(coupling=rules.coupling._replace(v_max=float(return_speed)))
         self._open, self._status = _tick(
-            self._rules, self._seen, self._x, self._command, self._open, self.dt, self._desk
+            rules, self._seen, self._x, self._command, self._open, waits, self.dt, self._desk
         )
         return self._command.copy()
 
@@ -140,8 +151,8 @@ def _numbers(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 @lean
 def _tick(
-    rules: Rules, shapes: Shapes | None, x: Array, executed: Array, was_open: bool, dt: float, on: Desk
+    rules: Rules, shapes: Shapes | None, x: Array, executed: Array, was_open: bool, waits: bool, dt: float, on: Desk
 ) -> tuple[bool, int]:
     """Observe, then act; `executed`: measured in, commanded out. Will be modified, and so will `x`."""
-    is_open = observe(rules.coupling, x, executed, was_open)
+    is_open = observe(rules.coupling, x, executed, was_open) and not waits
     return is_open, act(rules, shapes, x, executed, is_open, dt, on)

@@ -68,6 +68,31 @@ class Outcome(StrEnum):
         "lost-box",
         "A pad lost the box on the way: use compliance = true; with it, raise the desired force or check length_error.",
     )
+    DROPPED = (
+        "dropped",
+        "A pad lost the box on the way, and it fell: as of lost-box; a heavy box needs more force, and an arm that is "
+        "pushed needs following = true.",
+    )
+    HELD = (
+        "held",
+        "x waited for 10 s for an arm that stayed away from where it was led, and the arms stopped: let go of it, or "
+        "see what is in its way; with eq. (14) as printed nothing leads the arms back: use mode = robust.",
+    )
+    OUT_OF_REACH = (
+        "out-of-reach",
+        "An arm was held, or had to follow the other one, beyond what it can reach, and the arms stopped: push less "
+        "far, or carry nearer to the bases.",
+    )
+    JOINT_LIMIT = (
+        "joint-limit",
+        "A joint came to its limit and kept a pad from its place, and the arms stopped: move start, goal or obstacles "
+        "so that the way stays nearer to the arms' posture.",
+    )
+    SINGULAR = (
+        "singular",
+        "An arm came to a pose in which it cannot move its pad as led, e.g. stretched out, and the arms stopped: move "
+        "start, goal or obstacles nearer to the bases.",
+    )
     MISPLACED = (
         "misplaced",
         "The box was let go, but not upright within 20 mm of the goal: look at its slip; raise the desired force, or "

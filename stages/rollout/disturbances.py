@@ -9,14 +9,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.paths import arc_length
 from stages.rollout.cases import MOST_STEPS
 from stages.rollout.parameters import Displacement, Disturbance, Held, Noise, Ramp
 from stages.trajectory import Array
 from stages.world.disturbance import DRAG, NEVER, NOISE, ONCE, Pushes, no_pushes
+
+
+class Timed(Protocol):
+    """A disturbance that says when it comes: by one of the three, or half way."""
+
+    @property
+    def at_fraction(self) -> float | None:
+        """Fraction of the arc length of the undisturbed path."""
+
+    @property
+    def at_time(self) -> float | None:
+        """Seconds."""
+
+    @property
+    def at_state(self) -> tuple[float, ...] | None:
+        """A place, metres."""
+
 
 HALF_WAY = 0.5
 """Where a disturbance begins if it does not say: a fraction of the arc length. Paper Fig. 3."""
@@ -66,7 +85,7 @@ def samples(duration: float, dt: float) -> int:
     return math.ceil(min(duration / dt, MOST_STEPS + 1) - 1e-9)
 
 
-def begin(disturbance: Disturbance, undisturbed: Array, dt: float) -> tuple[int, int]:
+def begin(disturbance: Timed, undisturbed: Array, dt: float) -> tuple[int, int]:
     """Sample at which a disturbance begins, or -1, and the steps after which it does.
 
     Arguments as of `pushes_of`.
@@ -78,6 +97,12 @@ def begin(disturbance: Disturbance, undisturbed: Array, dt: float) -> tuple[int,
     fraction = HALF_WAY if disturbance.at_fraction is None else disturbance.at_fraction
     length = arc_length(undisturbed)
     return NEVER, int(np.searchsorted(length, fraction * float(length[-1]) * (1.0 - ROUNDING)))
+
+
+def spans_of(acting: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    """First and last samples of the spans in which something acts; `acting`: array of bool, shape (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], acting, [False]])))
+    return tuple((int(first), int(last) - 1) for first, last in edges.reshape(-1, 2))
 
 
 def merged_spans(spans: Sequence[tuple[int, int]]) -> tuple[tuple[int, int], ...]:

@@ -9,7 +9,7 @@ from pydantic import Discriminator
 
 from pipeline.stage import Count, NonNegative, Positive, UnitInterval, Whole, parameters
 from stages.policy.avoidance.parameters import Avoidance, Obstacle, RoasPlusParameters
-from stages.policy.parameters import AdmittanceParameters
+from stages.policy.parameters import AdmittanceParameters, FollowingParameters
 from stages.world.parameters import Scene
 
 Mode = Literal["paper", "robust"]
@@ -204,24 +204,142 @@ class RolloutParameters:
     replicate: Whole = 0
 
 
+Place = tuple[float, float, float]
+Side = Literal["left", "right"]
+
+
+@parameters
+class Drag:
+    """One arm is taken by the hand, dragged away smoothly, held, and let go: a teleoperated disturbance, Fig. 5d.
+
+    Attributes:
+        arm: which one; the controller is not told.
+        offset: where it is dragged, metres from where it was commanded when this began.
+        rise: seconds that this takes.
+        hold: seconds that it is held there.
+        at_fraction: when, as a fraction of the arc length of the policy's way; none of the three: half.
+        at_time: when, seconds from when the box was first carried.
+        at_state: when, as the place on that way nearest to this one, metres.
+    """
+
+    kind: Literal["drag"] = "drag"
+    arm: Side = "left"
+    offset: Place
+    rise: NonNegative = 0.6
+    hold: NonNegative = 0.8
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+@parameters
+class Force:
+    """A force acts on the flange of one arm.
+
+    Attributes:
+        arm: which one; the controller is not told.
+        force: newtons.
+        duration: seconds.
+        at_fraction, at_time, at_state: when, as of a drag.
+    """
+
+    kind: Literal["force"] = "force"
+    arm: Side = "left"
+    force: Place
+    duration: Positive
+    at_fraction: UnitInterval | None = None
+    at_time: NonNegative | None = None
+    at_state: Vector | None = None
+
+
+@parameters
+class RandomDrag:
+    """A drag of a random arm, in a random direction, at a random moment; the same for a box under all conditions.
+
+    Attributes:
+        nearest, farthest: metres that it is dragged away.
+        shortest, longest: seconds from when it begins to when it is let go.
+        quickest, slowest: seconds of these in which it is dragged.
+        earliest, latest: when it begins, as a fraction of the arc length of the policy's way.
+    """
+
+    kind: Literal["random"] = "random"
+    nearest: Positive = 0.03
+    farthest: Positive = 0.10
+    shortest: Positive = 1.0
+    longest: Positive = 2.0
+    quickest: Positive = 0.4
+    slowest: Positive = 0.8
+    earliest: UnitInterval = 0.1
+    latest: UnitInterval = 0.9
+
+
+ArmDisturbance = Annotated[Drag | Force | RandomDrag, Discriminator("kind")]
+
+
+@parameters
+class Flowerpot:
+    """A flowerpot, and the sphere about its middle from which the middle of the box is to stay away. Paper Fig. 6.
+
+    Attributes:
+        centre: of both, until the box is lifted, metres.
+        radius: of the sphere, the size of the box included, metres. Paper: 0.23, for its box.
+        along: metres by which the policy sees the sphere drawn out along the clamp axis, to either side: the hands
+            beside the box have to pass, too; 0: the sphere alone.
+        velocity: m/s, known to the policy; none: it stands.
+        height, width: of the pot with its plant, metres.
+        spread: half width of the range of each coordinate of the centre, from which each box's is drawn, metres.
+        radius_spread: the same of the radius.
+    """
+
+    centre: Place = (0.58, 0.0, 0.39)
+    radius: Positive = 0.18
+    along: NonNegative = 0.2
+    velocity: Place | None = None
+    height: Positive = 0.24
+    width: Positive = 0.10
+    spread: NonNegative = 0.0
+    radius_spread: NonNegative = 0.0
+
+
 @parameters
 class CarryCondition:
-    """How the box is held.
+    """How the box is held, and what happens on the way.
 
     Attributes:
         name: of the condition, as in the tables.
         compliance: press by admittance; else pads stay where eq. (13) puts them.
-        mode: of the admittance; none: the roll-out's own.
+        following: the arms follow each other when one is pushed, eq. (14); else each stays with its own place.
+        coupling: x waits and p_hat comes back to it, eqs. (9)-(12); else the way goes on from wherever p_hat is.
+        mode: of the admittance and of eq. (14); none: the roll-out's own.
         length_error: by how much the controller takes the box for longer than it is, metres, beside the scene's own;
             without compliance this decides how hard it is pressed.
         length_spread: half width of the range, about that, from which each box's is drawn, metres.
+        length: what L is first taken for: ``scene``, as it is, but for the errors; ``demonstrations``, the mean
+            distance of the arms in them, errors added.
+        mass_error: by how much the controller takes the box for heavier than it is, kg, where it does not find out.
+        finds_length: take L from where the pads stand when they hold the box; none: in robust mode.
+        finds_mass: feed forward what hangs on the wrists, and weigh the box after lift-off; else what the controller
+            takes for its mass is fed forward; none: in robust mode.
+        disturbances: of the arms.
+        obstacles: in the way; drawn anew until start and goal are outside and the arms can reach a way round.
+        avoidance: how the policy avoids them; none: ROAS+ with 5 mm beyond the spheres, in paper mode ROAS as printed.
     """
 
     name: str = "compliant"
     compliance: bool = True
+    following: bool = True
+    coupling: bool = True
     mode: Mode | None = None
     length_error: float = 0.0
     length_spread: NonNegative = 0.0
+    length: Literal["scene", "demonstrations"] = "scene"
+    mass_error: float = 0.0
+    finds_length: bool | None = None
+    finds_mass: bool | None = None
+    disturbances: tuple[ArmDisturbance, ...] = ()
+    obstacles: tuple[Flowerpot, ...] = ()
+    avoidance: Avoidance | None = None
 
 
 @parameters
@@ -234,6 +352,9 @@ class CarryParameters:
         conditions: how the box is held.
         count: boxes under each condition; the same for all.
         admittance: of the arms.
+        following: of the arms, when one is pushed.
+        least_friction: on which the pads can count: F_d is raised for a box that weighs too much for it; none: F_d
+            stays.
         squeeze: metres that pads go beyond the faces without compliance.
         approach_speed: of the pads until they touch, m/s.
         stand_off: of the pads from the faces, at the start and the end, metres.
@@ -252,6 +373,8 @@ class CarryParameters:
     conditions: tuple[CarryCondition, ...] = (CarryCondition(),)
     count: Count = 7
     admittance: AdmittanceParameters = AdmittanceParameters()
+    following: FollowingParameters = FollowingParameters()
+    least_friction: Positive | None = None
     squeeze: NonNegative = 0.002
     approach_speed: Positive = 0.05
     stand_off: Positive = 0.05

@@ -7,37 +7,31 @@ anything runs. Not here: one box (`carry.py`), metrics (`stages/evaluate`) and f
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pipeline.errors import DataError, ParameterError
 from stages.dynamics.lpvds import LpvDs
-from stages.policy.admittance import admittance_of, check_stability
-from stages.policy.carrying import TOO_DEEP, Clamp
-from stages.policy.coupling import robust_coupling
+from stages.policy.avoidance.shapes import spheres
+from stages.policy.estimation import FIRM
 from stages.policy.outcome import Outcome
-from stages.rollout.carry import Carried, carry
-from stages.rollout.parameters import CarryCondition, CarryParameters, Mode
-from stages.rollout.results import Rollout, Runner, Simulated
+from stages.rollout.arm_disturbances import SIDES
+from stages.rollout.carry import Carried, CarryTask, carry
+from stages.rollout.carry_conditions import avoidance_of, believed, check, coupling_of, mode_of, runner_of, task_of
+from stages.rollout.carry_scenes import PotScene, scene_of
+from stages.rollout.cases import method_name
+from stages.rollout.disturbances import spans_of
+from stages.rollout.parameters import CarryCondition, CarryParameters, Flowerpot
+from stages.rollout.results import Rollout, Simulated
+from stages.rollout.scenes import Scene as Obstructed
 from stages.trajectory import Trajectory, frozen
-from stages.world.boxes import check_scene, grip_ratio, varied
-from stages.world.bullet import CONTACT_STIFFNESS, STEP
-from stages.world.parameters import Scene
+from stages.world.arm_pushes import ArmPush
+from stages.world.boxes import grip_ratio, varied
+from stages.world.bullet import Pot
 
 Draw = Callable[..., np.random.Generator]
-
-FIRM = 1.7
-"""2 mu F_d/(m g) from which a box does not creep on its pads."""
-
-NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
-"""Of a condition: it is part of a file's name."""
-
-AWAY = 0.005
-"""Metres between the learned goal and the scene's beyond which they are taken for two different ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,31 +70,41 @@ def simulate(
         DataError: the demonstrations are of another task.
     """
     check(parameters, model, starts)
-    coupling = robust_coupling(v_max=parameters.v_max, top_speed=top_speed, location="rollout").compiled
+    coupling = coupling_of(parameters, top_speed)
     scenes = [varied(parameters.scene, draw("box", str(number))) for number in range(parameters.count)]
-    done: list[CarryRollout] = []
-    for condition in parameters.conditions:
+    ways: dict[tuple[tuple[Flowerpot, ...], int], PotScene] = {}
+    tasks: list[tuple[CarryCondition, int, CarryTask]] = []
+    for index, condition in enumerate(parameters.conditions):
         for number, box in enumerate(scenes):
-            spread = condition.length_spread * draw("length", str(number)).uniform(-1.0, 1.0)
-            scene = replace(box, length_error=box.length_error + condition.length_error + spread)
-            carried = carry(
-                scene,
-                model,
-                coupling,
-                clamp_of(parameters, condition, scene),
-                draw("noise", condition.name, str(number)),
-                force=parameters.admittance.force,
-                top_speed=top_speed,
-                dt=parameters.dt,
-                stop_distance=parameters.stop_distance,
-                max_duration=parameters.max_duration,
-                record=parameters.record,
-            )
-            done.append(_rollout(condition, number, scene, carried, parameters, model, starts))
-            if progress is not None:
-                progress(len(done), len(scenes) * len(parameters.conditions))
-    runner = Runner(kind="clpvds", mode=parameters.mode, coupling=coupling)
-    found = Simulated(rollouts=tuple(done), scenes=(), runners=(runner,))
+            known = (condition.obstacles, number)
+            if known not in ways:
+                ways[known] = scene_of(
+                    condition.obstacles,
+                    draw("pots", str(number)),
+                    box,
+                    model,
+                    coupling,
+                    top_speed=top_speed,
+                    dt=parameters.dt,
+                    longest=parameters.max_duration,
+                    location=f"rollout.conditions.{index}.obstacles",
+                )
+            scene = believed(condition, box, starts, draw("length", str(number)))
+            task = task_of(parameters, condition, scene, model, top_speed, draw("push", str(number)), ways[known])
+            tasks.append((condition, number, task))
+    done: list[CarryRollout] = []
+    for condition, number, task in tasks:
+        carried = carry(task, draw("noise", condition.name, str(number)))
+        refused = ways[condition.obstacles, number].refused
+        done.append(_rollout(condition, number, task, carried, parameters, starts, refused))
+        if progress is not None:
+            progress(len(done), len(tasks))
+    shown = {f"{c.name}/{n}": ways[c.obstacles, n] for c in parameters.conditions for n in range(len(scenes))}
+    found = Simulated(
+        rollouts=tuple(done),
+        scenes=tuple(safety_of(name, scene) for name, scene in shown.items() if scene.pots),
+        runners=tuple(dict.fromkeys(runner_of(parameters, condition, coupling) for condition in parameters.conditions)),
+    )
     return replace(found, notices=tuple(notices(done)))
 
 
@@ -112,115 +116,108 @@ def notices(done: Sequence[CarryRollout]) -> Iterator[str]:
             f"{len(weak)} roll-outs have a box with 2 mu F_d/(m g) below {FIRM:g}, the first {weak[0].rollout}: it may "
             "creep; raise admittance.force."
         )
+    near = [r for r in done for pot in r.scene_facts["pots"] if pot["radius"] < apart(pot, r.scene_facts["box"])]
+    if near:
+        yield (
+            f"{len(near)} roll-outs have a pot that the box can touch while its middle is outside of the safety "
+            f"sphere, the first {near[0].rollout}: raise obstacles.radius, or look at the contacts."
+        )
     for outcome in dict.fromkeys(r.outcome for r in done if r.outcome is not Outcome.ARRIVED):
         names = [r.rollout for r in done if r.outcome is outcome]
         yield f"{len(names)} roll-outs ended {outcome}, the first {names[0]}. {outcome.remedy}"
 
 
-def check(parameters: CarryParameters, model: LpvDs, starts: Sequence[Trajectory]) -> None:
-    """Refuse what cannot work, before anything runs. Raises ParameterError or DataError."""
-    scene, force = parameters.scene, parameters.admittance.force
-    if model.dimension != 3:
-        raise DataError("dynamics", f"a box is carried in space; the learned system has {model.dimension} coordinates.")
-    if not starts:
-        raise DataError("rollout", "there is no demonstration to compare with.")
-    steps = parameters.dt / STEP
-    if abs(steps - round(steps)) > 1e-9 or steps < 0.5:
-        raise ParameterError("rollout.dt", f"{parameters.dt:g} s is no whole number of milliseconds.")
-    away = float(np.linalg.norm(model.goal - np.array(scene.goal)))
-    if away > AWAY:
-        goal = ", ".join(f"{value:.3f}" for value in model.goal)
-        raise ParameterError(
-            "rollout.scene.goal", f"the demonstrations end {1e3 * away:.0f} mm away from it, at [{goal}] m."
-        )
-    names = [condition.name for condition in parameters.conditions]
-    if not names:
-        raise ParameterError("rollout.conditions", "must be at least one.")
-    for number, name in enumerate(names):
-        if not NAME.fullmatch(name):
-            raise ParameterError(
-                f"rollout.conditions.{number}.name", f"{name!r} must be letters, digits, '_', '.', '+' or '-'."
-            )
-        if name in names[:number]:
-            raise ParameterError(f"rollout.conditions.{number}.name", f"{name!r} is the name of an earlier condition.")
-    if parameters.squeeze >= TOO_DEEP:
-        raise ParameterError("rollout.squeeze", f"must be less than {TOO_DEEP:g} m: so deep, a pad has missed the box.")
-    for condition in parameters.conditions:
-        if condition.compliance:
-            check_stability(
-                parameters.admittance,
-                parameters.dt,
-                CONTACT_STIFFNESS,
-                printed=mode_of(parameters, condition) == "paper",
-                location="rollout.admittance",
-            )
-    shortest = min(condition.length_error - condition.length_spread for condition in parameters.conditions)
-    check_scene(scene, force, parameters.stand_off, "rollout.scene", shortest)
+def apart(pot: Mapping[str, Any], box: Sequence[float]) -> float:
+    """Farthest that the middle of an upright box can be from a pot that it touches, along the clamp axis, metres."""
+    return math.hypot(0.5 * (pot["width"] + box[0]), 0.5 * (pot["height"] + box[2]))
 
 
-def mode_of(parameters: CarryParameters, condition: CarryCondition) -> Mode:
-    """Which form of the admittance a condition has."""
-    return condition.mode or parameters.mode
-
-
-def clamp_of(parameters: CarryParameters, condition: CarryCondition, scene: Scene) -> Clamp:
-    """How a box is held under a condition."""
-    return Clamp(
-        length=scene.box[1] + scene.length_error,
-        admittance=admittance_of(parameters.admittance, printed=mode_of(parameters, condition) == "paper")
-        if condition.compliance
-        else None,
-        squeeze=parameters.squeeze,
-        stand_off=parameters.stand_off,
-        approach_speed=parameters.approach_speed,
-        release_speed=parameters.approach_speed,
+def safety_of(name: str, scene: PotScene) -> Obstructed:
+    """The safety spheres of a scene, as they are kept beside the rows."""
+    centres = np.array([pot.centre for pot in scene.pots])
+    velocities = np.array([one.velocity or (0.0, 0.0, 0.0) for one in scene.obstacles])
+    return Obstructed(
+        name=name, shapes=spheres(centres, np.array(scene.radii), velocities), cover=(False,) * len(centres)
     )
+
+
+def pushed(push: ArmPush) -> dict[str, Any]:
+    """A push as facts keep it."""
+    return {
+        "arm": SIDES[push.arm],
+        "offset": push.offset.tolist(),
+        "force": push.force.tolist(),
+        "rise": push.rise,
+        "hold": push.hold,
+    }
+
+
+def potted(pot: Pot, radius: float) -> dict[str, Any]:
+    """A pot, and the radius of its safety sphere, as facts keep them."""
+    return {"centre": list(pot.centre), "height": pot.height, "width": pot.width, "radius": radius}
 
 
 def _rollout(
     condition: CarryCondition,
     number: int,
-    scene: Scene,
+    task: CarryTask,
     carried: Carried,
     parameters: CarryParameters,
-    model: LpvDs,
     starts: Sequence[Trajectory],
+    refused: int,
 ) -> CarryRollout:
-    nearest = min(starts, key=lambda start: float(np.linalg.norm(start.position[0] - np.array(scene.start))))
-    n = carried.time.shape[0]
+    nearest = min(starts, key=lambda start: float(np.linalg.norm(start.position[0] - np.array(task.scene.start))))
     return CarryRollout(
-        rollout=f"clpvds-{mode_of(parameters, condition)}/{condition.name}/{number}",
-        controller="clpvds",
+        rollout=f"{runner_of(parameters, condition).label}/{condition.name}/{number}",
+        controller=runner_of(parameters, condition).kind,
         mode=mode_of(parameters, condition),
-        avoidance="none",
+        avoidance=method_name(avoidance_of(parameters, condition)) if task.obstacles else "none",
         condition=condition.name,
         dataset=nearest.dataset,
         demo=nearest.demo,
         split=nearest.split,
-        scene="",
+        scene=f"{condition.name}/{number}" if task.obstacles else "",
         time=carried.time,
         x=carried.x,
         p_hat=carried.p_hat,
         gate=carried.gate,
-        lyapunov=frozen(model.lyapunov(carried.x)),
-        clearance=frozen(np.full(n, math.inf)),
-        status=np.zeros(n, dtype=np.int8),
-        disturbed=(),
+        lyapunov=frozen(task.model.lyapunov(carried.x)),
+        clearance=carried.clearance,
+        status=carried.status,
+        disturbed=spans_of(np.any(carried.acting, axis=1)),
         missed=0,
         outcome=carried.outcome,
         carried=carried,
-        scene_facts={
-            "compliance": condition.compliance,
-            "force": parameters.admittance.force,
-            "mass": scene.mass,
-            "friction": scene.friction,
-            "centre_of_mass": list(scene.centre_of_mass),
-            "start": list(scene.start),
-            "goal": list(scene.goal),
-            "box": list(scene.box),
-            "bias": list(scene.bias),
-            "noise": scene.noise,
-            "length_error": scene.length_error,
-            "grip_ratio": grip_ratio(scene, parameters.admittance.force),
-        },
+        scene_facts=facts_of(condition, task, carried, refused),
     )
+
+
+def facts_of(condition: CarryCondition, task: CarryTask, carried: Carried, refused: int = 0) -> dict[str, Any]:
+    """What a carried box was, and what the controller took it for: what metrics and figures know beside the samples.
+
+    `refused`: how many draws of the pots were refused before there was a way.
+    """
+    scene = task.scene
+    return {
+        "compliance": condition.compliance,
+        "following": condition.following,
+        "coupling": condition.coupling,
+        "length_found": carried.length,
+        "mass_found": None if math.isnan(carried.mass) else carried.mass,
+        "pushes": [pushed(push) for push in task.pushes],
+        "pots": [potted(pot, radius) for pot, radius in zip(task.pots, task.radii, strict=True)],
+        "refused": refused,
+        "box_contacts": carried.box_contacts,
+        "arm_contacts": carried.arm_contacts,
+        "force": task.force,
+        "mass": scene.mass,
+        "friction": scene.friction,
+        "centre_of_mass": list(scene.centre_of_mass),
+        "start": list(scene.start),
+        "goal": list(scene.goal),
+        "box": list(scene.box),
+        "bias": list(scene.bias),
+        "noise": scene.noise,
+        "length_error": scene.length_error,
+        "grip_ratio": grip_ratio(scene, task.force),
+    }

@@ -36,8 +36,8 @@ class OperatorWay:
         self.sample: MasterSample | None = None
         self.lost = self.limited = 0
 
-    def step(self, midpoint: Array) -> Array:
-        """The next midpoint, shape (3,), metres. Paper eqs. (1)-(3)."""
+    def step(self, midpoint: Array, *, return_speed: float | None = None) -> Array:
+        """The next midpoint, shape (3,), metres; it waits for nothing but the operator. Paper eqs. (1)-(3)."""
         found = np.asarray(self._mapping.step(self.time, self.sample).midpoint)
         self.lost += self._mapping.status is Clutch.LOST
         self.limited += self._mapping.limited
@@ -48,6 +48,10 @@ class OperatorWay:
         self.time, self.seen = time, seen
         said = self._master.sample(time, seen)
         self.sample = self.sample if said is None else said
+
+    def gap(self, midpoint: Array) -> float:
+        """An operator waits for nothing: 0 metres."""
+        return 0.0
 
     @property
     def ended(self) -> bool:

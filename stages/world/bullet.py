@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -47,6 +48,45 @@ ACCURACY = 1e-6
 """Metres and rad within which a pose counts as reached."""
 
 
+FAR = 0.5
+"""Metres beyond which nobody asks how far something is from a pot."""
+
+ROD, LEAST_FOOT = 0.015, 0.01
+"""Radius of the rod that a pot stands on, and its least height, metres."""
+
+POT_PROFILE = ((0.0, 0.60), (0.35, 0.80), (0.40, 1.0), (0.75, 0.85), (1.0, 0.30))
+"""Of a pot with its plant: heights from its foot, and radii there, as shares of its height and of half its width."""
+
+POT_SIDES = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pot:
+    """A flowerpot that is in the way.
+
+    Attributes:
+        centre: its middle at the start, metres.
+        height, width: with its plant, metres.
+    """
+
+    centre: tuple[float, float, float]
+    height: float
+    width: float
+
+    @property
+    def reach(self) -> float:
+        """Radius of the ball about its middle that holds it, metres."""
+        return 0.5 * math.hypot(self.height, self.width)
+
+
+def lathe(pot: Pot) -> Array:
+    """Corners of a flowerpot about its middle, array, shape (n, 3), metres: rings from its foot to its top."""
+    angles = np.linspace(0.0, 2.0 * math.pi, POT_SIDES, endpoint=False)
+    round_ = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(POT_SIDES)])
+    up = np.array([0.0, 0.0, 1.0])
+    return np.vstack([(0.5 * pot.width * r) * round_ + ((h - 0.5) * pot.height) * up for h, r in POT_PROFILE])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hands:
     """The two arms as measured.
@@ -54,6 +94,7 @@ class Hands:
     Attributes:
         q, qdot: arrays, shape (2, m), rad and rad/s.
         pads: array, shape (2, 3), metres: middles of the pads' faces.
+        velocity: array, shape (2, 3), m/s, of those.
         force: array, shape (2,), newtons: pressing forces at the wrists, with noise and bias.
         load: array, shape (2,), newtons: what pulls each pad down beside its own weight.
     """
@@ -61,6 +102,7 @@ class Hands:
     q: Array
     qdot: Array
     pads: Array
+    velocity: Array
     force: Array
     load: Array
 
@@ -68,12 +110,19 @@ class Hands:
 class World:
     """Two arms and a box; use as a context manager, so that the simulator is left in any case."""
 
-    def __init__(self, scene: Scene, generator: np.random.Generator, location: str = "rollout.scene") -> None:
-        """Build the scene as it is, without variation; `generator`: of the sensors' noise. `location`: dotted place.
+    def __init__(
+        self,
+        scene: Scene,
+        generator: np.random.Generator,
+        location: str = "rollout.scene",
+        pots: Sequence[Pot] = (),
+    ) -> None:
+        """Build the scene as it is, without variation.
 
+        `generator`: of the sensors' noise. `location`: dotted place. `pots`: what stands in the way.
         Raises ParameterError where pads could not reach the box at its start or at its goal.
         """
-        self.scene, self._noise, self._location = scene, generator, location
+        self.scene, self._noise, self._location, self._pots = scene, generator, location, tuple(pots)
         self.arms: tuple[Arm, Arm] = (
             arm(scene.robot, True, f"{location}.robot"),
             arm(scene.robot, False, f"{location}.robot"),
@@ -119,6 +168,17 @@ class World:
         engine.changeDynamics(
             self.box, -1, lateralFriction=scene.friction, linearDamping=0.0, angularDamping=0.0, physicsClientId=client
         )
+        self._standing = [self._pot(pot) for pot in self._pots]
+
+    def _pot(self, pot: Pot) -> tuple[int, int]:
+        """A flowerpot, and the rod that it stands on."""
+        engine, client = self._bullet, self._client
+        shape = engine.createCollisionShape(engine.GEOM_MESH, vertices=lathe(pot).tolist(), physicsClientId=client)
+        body = int(engine.createMultiBody(0.0, shape, -1, pot.centre, physicsClientId=client))
+        foot = max(pot.centre[2] - 0.5 * pot.height, LEAST_FOOT)
+        rod = engine.createCollisionShape(engine.GEOM_CYLINDER, radius=ROD, height=foot, physicsClientId=client)
+        place = (pot.centre[0], pot.centre[1], 0.5 * foot)
+        return body, int(engine.createMultiBody(0.0, rod, -1, place, physicsClientId=client))
 
     def _load(self, one: Arm) -> int:
         engine, client = self._bullet, self._client
@@ -175,12 +235,16 @@ class World:
         Raises ParameterError where an arm cannot.
         """
         found = []
-        for side, (body, joints) in enumerate(zip(self.bodies, self.joints, strict=True)):
-            q = self.joints_at(side, pads[side])
-            for joint, angle in zip(joints, q, strict=True):
-                self._bullet.resetJointState(body, joint, float(angle), physicsClientId=self._client)
-            found.append(q)
+        for side in range(2):
+            found.append(self.joints_at(side, pads[side]))
+        self.pose(np.array(found))
         return np.array(found)
+
+    def pose(self, q: Array) -> None:
+        """Put both arms to joint angles, shape (2, m), rad, at rest."""
+        for body, joints, angles in zip(self.bodies, self.joints, q, strict=True):
+            for joint, angle in zip(joints, angles, strict=True):
+                self._bullet.resetJointState(body, joint, float(angle), physicsClientId=self._client)
 
     def joints_at(self, side: int, pad: Array) -> Array:
         """Joint angles, shape (m,), rad, at which a pad is at a place, shape (3,), metres. Raises ParameterError."""
@@ -199,13 +263,14 @@ class World:
         """What is measured now; draws the sensors' noise."""
         engine, client = self._bullet, self._client
         q, qdot, force, load = [], [], np.empty(2), np.empty(2)
-        pads = np.empty((2, 3))
+        pads, velocity = np.empty((2, 3)), np.empty((2, 3))
         for side, (body, joints, one) in enumerate(zip(self.bodies, self.joints, self.arms, strict=True)):
             states = engine.getJointStates(body, [*joints, one.pad], physicsClientId=client)
             q.append([state[0] for state in states[:-1]])
             qdot.append([state[1] for state in states[:-1]])
             rotation, jacobian = np.empty((3, 3)), np.empty((6, len(joints)))
             forward(one.chain, np.array(q[side]), pads[side], rotation, jacobian)
+            velocity[side] = jacobian[:3] @ np.array(qdot[side])
             reaction = rotation @ np.array(states[-1][2][:3])
             force[side] = float(states[-1][2][2]) + self.scene.bias[side]
             load[side] = reaction[2] - PAD_MASS * GRAVITY
@@ -213,13 +278,14 @@ class World:
             raise DataError(self._location, "the simulation ran away: lower the admittance's gains, or dt.")
         if self.scene.noise:
             force += self.scene.noise * self._noise.normal(size=2)
-        return Hands(q=np.array(q), qdot=np.array(qdot), pads=pads, force=force, load=load)
+        return Hands(q=np.array(q), qdot=np.array(qdot), pads=pads, velocity=velocity, force=force, load=load)
 
-    def drive(self, q: Array, qdot: Array, torque: Array, steps: int) -> None:
+    def drive(self, q: Array, qdot: Array, torque: Array, steps: int, pushes: Array | None = None) -> None:
         """Let `steps` steps pass in which the joints follow references that move on at `qdot`.
 
         `q`, `qdot`: arrays, shape (2, m), rad and rad/s: references now. `torque`: array, shape (2, m), newton metres,
-        beside what the motion needs.
+        beside what the motion needs. `pushes`: array, shape (2, 3), newtons: from outside, on each arm's flange, behind
+        the wrist's sensor.
         """
         engine, client = self._bullet, self._client
         read, inverse = engine.getJointStates, engine.calculateInverseDynamics
@@ -250,7 +316,17 @@ class World:
                 needed = inverse(body, at, moving, acceleration, physicsClientId=client)
                 forces = [min(max(n + m, -t), t) for n, m, t in zip(needed, more, most, strict=True)]
                 command(body, joints, mode, forces=forces, physicsClientId=client)
+            if pushes is not None:
+                self._push(pushes)
             advance(physicsClientId=client)
+
+    def _push(self, pushes: Array) -> None:
+        """Let forces from outside, shape (2, 3), newtons, act on the flanges for a step."""
+        for body, one, force in zip(self.bodies, self.arms, pushes, strict=True):
+            at = self._bullet.getLinkState(body, one.turning[-1], physicsClientId=self._client)[0]
+            self._bullet.applyExternalForce(
+                body, one.turning[-1], force.tolist(), at, self._bullet.WORLD_FRAME, physicsClientId=self._client
+            )
 
     def box_pose(self) -> tuple[Array, Array]:
         """Centre of the box (not of its mass), shape (3,), metres, and its quaternion x y z w, shape (4,)."""
@@ -268,6 +344,43 @@ class World:
             contacts = self._bullet.getContactPoints(body, self.box, one.pad, -1, physicsClientId=self._client)
             found[side] = sum(contact[9] for contact in contacts)
         return found
+
+    def move_pots(self, centres: Array) -> None:
+        """Put the pots' middles to `centres`, shape (m, 3), metres."""
+        upright = (0.0, 0.0, 0.0, 1.0)
+        for (body, rod), pot, centre in zip(self._standing, self._pots, centres, strict=True):
+            at, client = [float(value) for value in centre], self._client
+            self._bullet.resetBasePositionAndOrientation(body, at, upright, physicsClientId=client)
+            foot = 0.5 * max(pot.centre[2] - 0.5 * pot.height, LEAST_FOOT) + at[2] - pot.centre[2]
+            self._bullet.resetBasePositionAndOrientation(rod, (at[0], at[1], foot), upright, physicsClientId=client)
+
+    def room(self) -> tuple[float, float]:
+        """How far the box, and the nearer arm, are from the nearest pot or its rod, metres; at most `FAR`.
+
+        Negative: one is inside of the other.
+        """
+        near = {True: FAR, False: FAR}
+        for body in (self.box, *self.bodies):
+            for part in (part for pair in self._standing for part in pair):
+                found = self._bullet.getClosestPoints(body, part, FAR, physicsClientId=self._client)
+                least = min((point[8] for point in found), default=FAR)
+                near[body == self.box] = min(near[body == self.box], least)
+        return near[True], near[False]
+
+    def hits_pots(self) -> tuple[bool, bool]:
+        """Whether the box, and whether an arm, touches a pot or its rod."""
+        return (
+            self._hits(self.box),
+            any(self._hits(body) for body in self.bodies),
+        )
+
+    def _hits(self, body: int) -> bool:
+        return any(
+            contact[8] <= 0.0
+            for pair in self._standing
+            for part in pair
+            for contact in self._bullet.getContactPoints(body, part, physicsClientId=self._client)
+        )
 
     def touching(self) -> bool:
         """Whether anything is inside of something else: an arm of a support, the box or the other arm; the box of one.

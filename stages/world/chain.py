@@ -61,11 +61,7 @@ def forward(chain: Chain, q: Array, position: Array, rotation: Array, jacobian: 
             axis = chain.axes[i]
             origins[joint] = at
             jacobian[3:, joint] = frame @ axis
-            cosine, sine = math.cos(q[joint]), math.sin(q[joint])
-            cross = np.array(
-                [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
-            )  # Rodrigues
-            frame = frame @ (np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+            frame = frame @ turned(axis, q[joint])
             joint += 1
     at = at + frame @ chain.tip
     position[:] = at
@@ -126,3 +122,60 @@ def reach(chain: Chain, q: Array, position: Array, rotation: Array, steps: int, 
             break
         q += joint_velocity(jacobian, error, pull)
     return missing
+
+
+@compiled
+def lean_away(chain: Chain, q: Array, centre: Array, radius: float, near: float, gain: float, pull: Array) -> None:
+    """Add to `pull` what leads an arm's links away from a ball that is nearer than `near`. Khatib (1986), in joints.
+
+    A link is the straight line between the origins of two joints that follow each other, the last one to the tip. Each
+    is pushed at its point nearest to the ball.
+
+    Args:
+        chain: the arm.
+        q: array, shape (m,), rad.
+        centre: array, shape (3,), metres, of the ball.
+        radius: of the ball, metres.
+        near: metres from its surface at which pushing begins.
+        gain: 1/s: a link at the surface is pushed at gain x near.
+        pull: array, shape (m,), rad/s: J'v of the points that are pushed, v in m/s, for arms about 1 m long. Will be
+            modified.
+    """
+    m = q.shape[0]
+    places, axes = np.empty((m + 1, 3)), np.empty((m, 3))
+    frame, at, joint = np.eye(3), chain.place.copy(), 0
+    for i in range(chain.rotations.shape[0]):
+        at = at + frame @ chain.offsets[i]
+        frame = frame @ chain.rotations[i]
+        if chain.turns[i]:
+            places[joint], axes[joint] = at, frame @ chain.axes[i]
+            frame = frame @ turned(chain.axes[i], q[joint])
+            joint += 1
+    places[m] = at + frame @ chain.tip
+    for j in range(m):
+        along = places[j + 1] - places[j]
+        length = (along**2).sum()
+        share = 0.0 if length == 0.0 else min(max(((centre - places[j]) @ along) / length, 0.0), 1.0)
+        point = places[j] + share * along
+        away = point - centre
+        distance = math.sqrt((away**2).sum())
+        room = distance - radius
+        if room >= near or distance == 0.0:
+            continue
+        speed = gain * min(near - room, near)
+        for k in range(j + 1):
+            arm, axis = point - places[k], axes[k]
+            pull[k] += (speed / distance) * (
+                away[0] * (axis[1] * arm[2] - axis[2] * arm[1])
+                + away[1] * (axis[2] * arm[0] - axis[0] * arm[2])
+                + away[2] * (axis[0] * arm[1] - axis[1] * arm[0])
+            )
+
+
+@compiled
+def turned(axis: Array, angle: float) -> Array:
+    """The matrix, shape (3, 3), of a turn by `angle`, rad, about a unit vector, shape (3,). Rodrigues."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    matrix: Array = np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    return matrix

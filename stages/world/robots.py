@@ -103,6 +103,7 @@ class Arm:
         posture: array, shape (m,), rad.
         low, high: arrays, shape (m,), rad: limits of the joints.
         torque: array, shape (m,), newton metres: the largest.
+        speed: array, shape (m,), rad/s: the largest.
         stiffness: array, shape (m,), 1/s^2.
         turning: numbers that Bullet gives to the m joints that turn; fixed ones may lie between.
         pad: number of the pad's joint.
@@ -114,6 +115,7 @@ class Arm:
     low: Array
     high: Array
     torque: Array
+    speed: Array
     stiffness: Array
     turning: tuple[int, ...]
     pad: int
@@ -138,6 +140,7 @@ def arm(name: str, left: bool, location: str) -> Arm:
         low=frozen([float(limit["lower"]) for limit in limits]),
         high=frozen([float(limit["upper"]) for limit in limits]),
         torque=frozen([float(limit["effort"]) for limit in limits]),
+        speed=frozen([float(limit["velocity"]) for limit in limits]),
         stiffness=frozen(robot.stiffness),
         # Bullet numbers the joints of a row from its base, in whatever order the description has them.
         turning=tuple(number for number, joint in enumerate(joints) if joint in turning),

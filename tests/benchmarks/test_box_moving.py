@@ -6,30 +6,24 @@ of mass and sensor bias; the same boxes under every condition. Run by `make benc
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from carries import Box, Held, carry_all, carry_box
 from scenes import linear
 from support import CHECKOUT, make_project, run_timed
 
 import clpv
-from stages.dynamics.lpvds import LpvDs
-from stages.evaluate.force import Grip, grip
-from stages.policy.carrying import Phase
-from stages.policy.coupling import robust_coupling
-from stages.rollout.carry import Carried, carry
+from stages.policy.estimation import FIRM
 from stages.rollout.parameters import AdmittanceParameters, CarryCondition, CarryParameters
-from stages.rollout.physics import clamp_of
 from stages.world import engine
-from stages.world.boxes import grip_ratio, varied
+from stages.world.boxes import varied
 from stages.world.parameters import Scene, Variation
 
 BOXES = 100
@@ -38,53 +32,12 @@ VARIED = Scene(
     friction=0.95,
     variation=Variation(mass=0.2, friction=0.25, start=0.03, centre_of_mass=0.01, bias=0.1),
 )
-FIRM = 1.7
-"""2 mu F_d/(m g) from which slip is required to stay below 3 mm."""
 TOP_SPEED = 0.3
 """m/s, about that of the demonstrations: it bounds how fast p_hat returns, and nothing is pushed here."""
 FASTEST, SIMULATOR = 5.0, 0.5
 """Times real time, one core, and the simulator's share of the time; required."""
 MOST_SECONDS = 180.0
 """For `clpv run box-moving` from an empty store, two cores; required."""
-
-
-class _Record:
-    """A roll-out as metrics see it."""
-
-    def __init__(self, carried: Carried, facts: Mapping[str, Any]) -> None:
-        self.phase = np.array([str(tuple(Phase)[code]) for code in carried.phase], dtype=object)
-        self.pads, self.box, self.turn, self.contact = carried.pads, carried.box, carried.turn, carried.contact
-        self.facts = facts
-
-
-def _one(task: tuple[LpvDs, CarryParameters, CarryCondition, Scene, int]) -> tuple[str, Grip, float]:
-    """Carry one box; how it ended, its metrics, and how many times faster than real time."""
-    model, parameters, condition, scene, number = task
-    begin = time.perf_counter()
-    done = carry(
-        scene,
-        model,
-        robust_coupling(v_max=None, top_speed=TOP_SPEED, location="").compiled,
-        clamp_of(parameters, condition, scene),
-        np.random.default_rng([7, number]),
-        force=parameters.admittance.force,
-        top_speed=TOP_SPEED,
-        dt=parameters.dt,
-        stop_distance=parameters.stop_distance,
-        max_duration=parameters.max_duration,
-        record=parameters.record,
-    )
-    seconds = time.perf_counter() - begin
-    facts = {
-        "compliance": condition.compliance,
-        "force": parameters.admittance.force,
-        "goal": scene.goal,
-        "start": scene.start,
-        "box": scene.box,
-        "bias": scene.bias,
-        "grip_ratio": grip_ratio(scene, parameters.admittance.force),
-    }
-    return str(done.outcome), grip(_Record(done, facts), str(done.outcome)), float(done.time[-1]) / seconds
 
 
 class _Timed:
@@ -111,13 +64,20 @@ class _Timed:
 def test_how_fast_and_whose_time_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     start, goal = np.array(Scene().start), np.array(Scene().goal)
     model = linear(goal)  # straight to the goal, through the shelf's edge: contacts included
-    task = (model, CarryParameters(max_duration=8.0), CarryCondition(), Scene(start=tuple(start)), 0)
-    _one(task)
-    rate = max(_one(task)[2] for _ in range(3))
+    task = Box(
+        model=model,
+        parameters=CarryParameters(max_duration=8.0),
+        condition=CarryCondition(),
+        scene=Scene(start=tuple(start)),
+        top_speed=TOP_SPEED,
+        number=0,
+    )
+    carry_box(task)
+    rate = max(carry_box(task).rate for _ in range(3))
     timed = _Timed(engine.bullet())
     monkeypatch.setattr("stages.world.bullet.bullet", lambda: timed)
     begin = time.perf_counter()
-    _one(task)
+    carry_box(task)
     inside = timed.seconds / (time.perf_counter() - begin)
     print(
         f"\n{rate:.1f} x real time at 1 kHz on one core (at least {FASTEST:.0f}); the simulator's share of the time "
@@ -127,32 +87,24 @@ def test_how_fast_and_whose_time_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert inside >= SIMULATOR
 
 
-def _carry_all(
-    model: LpvDs, parameters: CarryParameters, condition: CarryCondition, scenes: Sequence[Scene]
-) -> list[tuple[str, Grip, float]]:
-    tasks = [(model, parameters, condition, scene, number) for number, scene in enumerate(scenes)]
-    with multiprocessing.get_context("fork").Pool(os.cpu_count()) as pool:
-        return pool.map(_one, tasks, chunksize=1)
-
-
-def _tell(name: str, found: Sequence[tuple[str, Grip, float]]) -> None:
-    grips = [g for _, g, _ in found]
+def _tell(name: str, found: Sequence[Held]) -> None:
+    grips = [one.grip for one in found]
     firm = [g.slip_max_mm for g in grips if g.grip_ratio >= FIRM and g.slip_max_mm is not None]
     weak = [g.slip_max_mm for g in grips if g.grip_ratio < FIRM and g.slip_max_mm is not None]
     means = [g.force_mean_n + g.bias_n for g in grips if g.force_mean_n is not None]
     low = [g.force_p5_n + g.bias_n for g in grips if g.force_p5_n is not None]
     high = [g.force_p95_n + g.bias_n for g in grips if g.force_p95_n is not None]
-    ended = sorted({outcome for outcome, _, _ in found})
+    ended = sorted({one.outcome for one in found})
     print(
         f"{name}: {sum(g.delivered for g in grips)} of {len(grips)} delivered, {sum(g.dropped for g in grips)} dropped "
-        f"({', '.join(f'{sum(o == outcome for o, _, _ in found)} {outcome}' for outcome in ended)}); "
+        f"({', '.join(f'{sum(one.outcome is outcome for one in found)} {outcome}' for outcome in ended)}); "
         f"error at most {max(g.delivery_error_mm for g in grips):.1f} mm, tilt at most "
         f"{max(g.tilt_max_deg or 0.0 for g in grips):.2f} deg, slip at most {max(firm, default=0.0):.2f} mm "
         f"({len(firm)} firm) and {max(weak, default=0.0):.2f} mm ({len(weak)} weak)"
     )
     print(
         f"    force less the sensors' bias: mean {min(means):.3f} to {max(means):.3f} N, 5 % at least {min(low):.2f} "
-        f"N, 95 % at most {max(high):.2f} N; {np.median([rate for _, _, rate in found]):.1f} x real time a process"
+        f"N, 95 % at most {max(high):.2f} N; {np.median([one.rate for one in found]):.1f} x real time a process"
     )
 
 
@@ -168,18 +120,20 @@ def test_a_hundred_boxes(tmp_path: Path) -> None:
     errors = np.random.default_rng(6).uniform(-0.006, 0.002, BOXES)
     unsure = [replace(scene, length_error=float(error)) for scene, error in zip(scenes, errors, strict=True)]
     quiet = [replace(scene, noise=0.0) for scene in scenes]
-    held, stiff = CarryCondition(), CarryCondition(name="stiff", compliance=False)
-    found = _carry_all(model, robust, held, scenes)
+    held, stiff = CarryCondition(), CarryCondition(name="stiff", compliance=False, finds_length=False)
+    found = carry_all(model, robust, held, scenes, TOP_SPEED)
     _tell("compliance", found)
-    silent = _carry_all(model, robust, held, quiet)
+    silent = carry_all(model, robust, held, quiet, TOP_SPEED)
     _tell("compliance, no sensor noise", silent)
-    _tell("compliance, box taken for 6 mm shorter to 2 mm longer", _carry_all(model, robust, held, unsure))
-    _tell("compliance as printed", _carry_all(model, paper, held, scenes[:20]))
-    _tell("no compliance, box exactly known", _carry_all(model, robust, stiff, scenes))
-    _tell("no compliance, box taken for 6 mm shorter to 2 mm longer", _carry_all(model, robust, stiff, unsure))
+    _tell("compliance, box taken for 6 mm shorter to 2 mm longer", carry_all(model, robust, held, unsure, TOP_SPEED))
+    _tell("compliance as printed", carry_all(model, paper, held, scenes[:20], TOP_SPEED))
+    _tell("no compliance, box exactly known", carry_all(model, robust, stiff, scenes, TOP_SPEED))
+    _tell(
+        "no compliance, box taken for 6 mm shorter to 2 mm longer", carry_all(model, robust, stiff, unsure, TOP_SPEED)
+    )
 
     assert seconds <= MOST_SECONDS
-    for grips, low, high in (([g for _, g, _ in found], 4.6, 5.4), ([g for _, g, _ in silent], 4.8, 5.2)):
+    for grips, low, high in (([one.grip for one in found], 4.6, 5.4), ([one.grip for one in silent], 4.8, 5.2)):
         assert all(g.delivered for g in grips)
         assert all(g.tilt_max_deg is not None and g.tilt_max_deg < 3.0 for g in grips)
         assert all(g.slip_max_mm is not None and g.slip_max_mm < 3.0 for g in grips if g.grip_ratio >= FIRM)

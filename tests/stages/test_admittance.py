@@ -21,6 +21,7 @@ from stages.policy.admittance import (
     begin,
     check_stability,
     comply,
+    leak,
     sense,
     settled_force,
 )
@@ -164,6 +165,43 @@ def test_what_both_arms_share_leaks_away_by_hand() -> None:
     comply(leaky, 0.1, state)
     gone = 0.01 * (1.0 - math.exp(-0.2))  # both 10 mm to the left
     assert state[:, OFFSET] == pytest.approx([0.03 - gone, 0.01 + gone], abs=1e-15)
+
+
+def test_the_leak_alone_by_hand() -> None:
+    state = states((0.03, 0.1, 6.0, 0.5), (0.01, -0.2, 4.0, -0.5))
+    leak(chosen(leak=2.0), 0.1, state)
+    gone = 0.01 * (1.0 - math.exp(-0.2))  # both 10 mm to the left
+    assert state[:, OFFSET] == pytest.approx([0.03 - gone, 0.01 + gone], abs=1e-16)
+    # No force and no rate takes part.
+    assert state[:, [RATE, FORCE, ERROR]].tolist() == [[0.1, 6.0, 0.5], [-0.2, 4.0, -0.5]]
+    still = states((0.03, 0.1, 6.0, 0.5), (0.01, -0.2, 4.0, -0.5))
+    leak(chosen(leak=0.0), 0.1, still)
+    assert still.tolist() == [[0.03, 0.1, 6.0, 0.5], [0.01, -0.2, 4.0, -0.5]]
+
+
+@given(left=st.floats(-0.05, 0.05), right=st.floats(-0.05, 0.05), rate=st.floats(0.0, 20.0), dt=st.floats(1e-4, 0.5))
+def test_of_a_leak_the_shared_part_fades_and_the_difference_stays(
+    left: float, right: float, rate: float, dt: float
+) -> None:
+    state = states((left, 0.0, 0.0, 0.0), (right, 0.0, 0.0, 0.0))
+    for _ in range(5):
+        leak(chosen(leak=rate), dt, state)
+    # The pads stand at y of the left and at -y of the right one: how far they are apart is the sum.
+    assert state[:, OFFSET].sum() == pytest.approx(left + right, abs=1e-15)
+    shared = 0.5 * (left - right) * math.exp(-5.0 * rate * dt)
+    assert 0.5 * (state[0, OFFSET] - state[1, OFFSET]) == pytest.approx(shared, abs=1e-15)
+
+
+@given(printed=st.booleans(), left=st.tuples(*[numbers] * 4), right=st.tuples(*[numbers] * 4))
+def test_to_comply_is_to_press_and_then_to_leak(
+    printed: bool, left: tuple[float, ...], right: tuple[float, ...]
+) -> None:
+    admittance = admittance_of(AdmittanceParameters(), printed=printed)
+    once, twice = states(left, right), states(left, right)
+    comply(admittance, DT, once)
+    comply(admittance._replace(leak=0.0), DT, twice)
+    leak(admittance, DT, twice)
+    assert once.tobytes() == twice.tobytes()
 
 
 @given(pressed=st.floats(-0.02, 0.02), shared=st.floats(-0.02, 0.02))

@@ -66,7 +66,7 @@ def first() -> bytes:
 
 
 def test_the_same_seed_gives_the_same_bytes(first: bytes) -> None:
-    assert len(first) == 125 * 8 * (14 + 14 + 6 + 2 + 2 + 3 + 4 + 2)
+    assert len(first) == 125 * 8 * (14 + 14 + 6 + 6 + 2 + 2 + 3 + 4 + 2)
     assert told(7) == first
 
 
@@ -324,19 +324,125 @@ def test_the_load_is_fed_forward_by_hand() -> None:
         assert follower.qdot == pytest.approx(0.0, abs=1e-3)  # there already
 
 
-def test_references_stay_within_the_joints_limits() -> None:
-    with World(SCENE, np.random.default_rng(0)) as world:
-        q = world.put(pads_beside(np.array(SCENE.start), FACES + 0.1))
-        follower = Follower(world, q, CYCLE)
-        far = np.array([[2.0, 0.5, 0.3], [-2.0, -0.5, 0.3]])
-        for _ in range(200):
-            follower.follow(far, np.zeros((2, 3)), np.zeros(2))
+FAR_OUT = np.array([[2.0, 0.5, 0.3], [-2.0, -0.5, 0.3]])
+"""Metres: where no pad can be."""
+
+
+@pytest.mark.parametrize("robot", sorted(ROBOTS))
+def test_references_stay_within_the_joints_limits(robot: str) -> None:
+    """In every cycle, and no joint is faster than it can be."""
+    with World(Scene(robot=robot), np.random.default_rng(0)) as world:
+        follower = Follower(world, world.put(pads_beside(np.array(SCENE.start), FACES + 0.1)), CYCLE)
+        low, high, speed = (np.array([getattr(one, name) for one in world.arms]) for name in ("low", "high", "speed"))
+        limited, fastest = np.zeros(2, dtype=np.bool_), 0.0
+        for _ in range(600):
+            before = follower.q
+            follower.follow(FAR_OUT, np.zeros((2, 3)), np.zeros(2))
+            assert (np.abs(follower.qdot) <= speed * (1.0 + 1e-12)).all()
             follower.advance()
-        assert np.isfinite(follower.q).all()
+            assert ((low <= follower.q) & (follower.q <= high)).all()
+            at_limit = ((follower.q == low) | (follower.q == high)).any(axis=1)
+            assert (at_limit | ~follower.limited).all()
+            limited |= follower.limited
+            fastest = max(fastest, float((np.abs(follower.q - before) / CYCLE / speed).max()))
+    assert limited.any()
+    assert fastest == pytest.approx(1.0)  # as fast as they may be, and no faster
+
+
+def test_joints_are_slowed_down_alike() -> None:
+    """So that a pad that is led too fast goes where it is led, only later."""
+    with World(replace(SCENE, robot="panda"), np.random.default_rng(0)) as world:
+        q = world.put(pads_beside(np.array(SCENE.start), FACES + 0.1))
+        slow, fast = Follower(world, q, CYCLE), Follower(world, q, CYCLE)
+        pads, velocity = pads_beside(np.array(SCENE.start), FACES + 0.1), np.tile([0.0, 0.0, 0.1], (2, 1))
+        slow.follow(pads, velocity, np.zeros(2))
+        fast.follow(pads, 100.0 * velocity, np.zeros(2))
         for side, one in enumerate(world.arms):
-            assert (follower.q[side] >= one.low).all()
-            assert (follower.q[side] <= one.high).all()
-        assert any((q == one.low).any() or (q == one.high).any() for q, one in zip(follower.q, world.arms, strict=True))
+            share = np.abs(fast.qdot[side] / one.speed).max()
+            assert share == pytest.approx(1.0)
+            here, there = (qdot / np.linalg.norm(qdot) for qdot in (slow.qdot[side], fast.qdot[side]))
+            assert here == pytest.approx(there, abs=1e-3)
+
+
+def test_what_is_missing_is_where_the_references_are() -> None:
+    with World(SCENE, np.random.default_rng(0)) as world:
+        pads = pads_beside(np.array(SCENE.start), FACES + 0.1)
+        follower = Follower(world, world.put(pads), CYCLE)
+        follower.follow(pads + np.array([[0.03, 0.0, 0.04], [0.0, 0.0, 0.0]]), np.zeros((2, 3)), np.zeros(2))
+    assert follower.missing == pytest.approx([0.05, 0.0], abs=2e-6)
+    assert follower.limited.tolist() == [False, False]
+
+
+def test_stopped_references_do_not_move_on() -> None:
+    with World(SCENE, np.random.default_rng(0)) as world:
+        pads = pads_beside(np.array(SCENE.start), FACES + 0.1)
+        follower = Follower(world, world.put(pads), CYCLE)
+        follower.follow(pads + 0.1, np.ones((2, 3)), np.zeros(2))
+        follower.advance()
+        at = follower.q
+        follower.stop()
+        follower.advance()
+    assert not follower.qdot.any()
+    assert (follower.q == at).all()
+
+
+@pytest.mark.parametrize("robot", sorted(ROBOTS))
+def test_dexterity_is_the_smallest_singular_value(robot: str) -> None:
+    with World(Scene(robot=robot), np.random.default_rng(0)) as world:
+        q = world.put(pads_beside(np.array(SCENE.start), FACES + 0.1))
+        follower, jacobian = Follower(world, q, CYCLE), np.empty((6, 7))
+        for side, one in enumerate(world.arms):
+            forward(one.chain, q[side], np.empty(3), np.empty((3, 3)), jacobian)
+            # Eigenvalues of J J', squared singular values.
+            least = float(np.sqrt(np.linalg.eigvalsh(jacobian @ jacobian.T)[0]))
+            assert follower.dexterity(side) == pytest.approx(least, rel=1e-6)
+        assert min(follower.dexterity(side) for side in range(2)) > 0.1
+        for _ in range(1000):
+            follower.follow(pads_beside(np.array([2.0, 0.0, 0.5]), 1.0), np.zeros((2, 3)), np.zeros(2))
+            follower.advance()
+        assert max(follower.dexterity(side) for side in range(2)) < 0.05  # stretched out
+
+
+# --- measured velocities, pushes from outside -----------------------------------------------------------------------
+
+
+def test_measured_velocities_are_those_of_the_pads() -> None:
+    with World(replace(SCENE, noise=0.0), np.random.default_rng(0)) as world:
+        pads, velocity = (
+            pads_beside(np.array(SCENE.start), FACES + 0.1),
+            np.array([[0.02, 0.01, 0.05], [0.0, 0.05, 0.0]]),
+        )
+        follower, places = Follower(world, world.put(pads), CYCLE), []
+        assert world.hands().velocity.tolist() == [[0.0] * 3] * 2
+        for _ in range(125):
+            pads = pads + CYCLE * velocity
+            follower.follow(pads, velocity, np.zeros(2))
+            world.drive(follower.q, follower.qdot, follower.torque, STEPS)
+            follower.advance()
+            places.append(world.hands())
+    for before, here, after in zip(places[50:], places[51:], places[52:], strict=False):
+        assert here.velocity == pytest.approx((after.pads - before.pads) / (2.0 * CYCLE), abs=1e-3)
+    assert places[-1].velocity == pytest.approx(velocity, abs=1e-3)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_force_pushes_its_arm_only_and_the_wrist_does_not_feel_it(side: int) -> None:
+    with World(replace(SCENE, noise=0.0), np.random.default_rng(0)) as world:
+        pads = pads_beside(np.array(SCENE.start), FACES + 0.1)
+        q = world.put(pads)
+        still, pushes = np.zeros(q.shape), np.zeros((2, 3))
+        pushes[side, 2] = 20.0
+        world.drive(q, still, still, 500, pushes)
+        pushed = world.hands()
+        world.drive(q, still, still, 1000)
+        released = world.hands()
+    moved = pushed.pads - pads
+    assert moved[side, 2] > 0.01
+    assert moved[1 - side] == pytest.approx(0.0, abs=1e-4)
+    # Behind the sensor: it feels its pad's own acceleration only, and there is hardly any.
+    assert pushed.force == pytest.approx(0.0, abs=0.2)
+    assert pushed.load == pytest.approx(0.0, abs=0.2)
+    assert released.pads == pytest.approx(pads, abs=1e-3)
 
 
 class Over:
@@ -347,8 +453,9 @@ class Over:
         above = np.array([start[0], start[1], goal[2]]) + up
         self.corners, self.ended = [above, goal + up, goal], False
 
-    def step(self, midpoint: Array) -> Array:
+    def step(self, midpoint: Array, *, return_speed: float | None) -> Array:
         """0.6 mm towards the next corner."""
+        assert return_speed is None  # nobody is pushed
         left = self.corners[0] - midpoint
         distance = float(np.linalg.norm(left))
         if distance > 0.15 * CYCLE:
@@ -356,6 +463,10 @@ class Over:
         reached = self.corners.pop(0)
         self.ended = not self.corners
         return reached
+
+    def gap(self, midpoint: Array) -> float:
+        """It waits for nothing."""
+        return 0.0
 
 
 @pytest.mark.parametrize("robot", sorted(ROBOTS))

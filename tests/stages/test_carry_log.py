@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +29,9 @@ from stages.teleoperation.record import Demonstrated
 
 CODES = {phase: code for code, phase in enumerate(Phase)}
 PHASES = (Phase.APPROACH, Phase.GRIP, Phase.CARRY, Phase.SET_DOWN, Phase.RELEASE, Phase.DONE)
+NAMED = (-1, 0, 0, 1, 1, -1)
+SPOKEN = ("/phase", "/policy/pushed")
+"""Topics of words: a message where they change."""
 
 
 def carried(n: int = 6, seed: int = 0) -> SimpleNamespace:
@@ -48,6 +52,18 @@ def carried(n: int = 6, seed: int = 0) -> SimpleNamespace:
         turn=draw(size=(n, 4)),
         force=draw(size=(n, 2)),
         contact=draw(size=(n, 2)),
+        desired=draw(size=n),
+        residual=draw(size=(n, 2)),
+        named=np.array([NAMED[k % 6] for k in range(n)], dtype=np.int8),
+        acting=np.column_stack([np.arange(n) % 3 == 1, np.arange(n) % 6 >= 4]),
+        clearance=draw(size=n),
+        box_room=draw(size=n),
+        arm_room=draw(size=n),
+        status=np.zeros(n, dtype=np.int8),
+        box_contacts=0,
+        arm_contacts=0,
+        length=0.3,
+        mass=0.4,
         outcome=Outcome.ARRIVED,
     )
     return SimpleNamespace(
@@ -105,10 +121,10 @@ def of(log: dict[str, Channel], topic: str, kind: type[Channel]) -> Any:
     return log[topic]
 
 
-def changes(time: np.ndarray, phase: np.ndarray) -> list[tuple[float, str]]:
-    """When a phase began, and its name."""
-    first = [k for k in range(phase.size) if k == 0 or phase[k] != phase[k - 1]]
-    return [(float(time[k]), str(tuple(Phase)[phase[k]])) for k in first]
+def changes(time: np.ndarray, codes: np.ndarray, names: Sequence[str] = tuple(Phase)) -> list[tuple[float, str]]:
+    """When a word (a phase, if nothing else is said) was first said, and which."""
+    first = [k for k in range(codes.size) if k == 0 or codes[k] != codes[k - 1]]
+    return [(float(time[k]), str(names[codes[k]])) for k in first]
 
 
 # --- roll-outs ------------------------------------------------------------------------------------------------------
@@ -140,7 +156,36 @@ def test_a_roll_out_comes_back_as_it_went_in(tmp_path: Path) -> None:
     assert of(log, "/policy/gate", Flags).values.tolist() == [True, False] * 3
     words = of(log, "/phase", Words)
     assert list(zip(words.time, words.values, strict=True)) == changes(one.time, arms.phase)
-    assert all(np.array_equal(channel.time, one.time) for topic, channel in log.items() if topic != "/phase")
+    assert all(np.array_equal(channel.time, one.time) for topic, channel in log.items() if topic not in SPOKEN)
+
+
+def test_who_was_taken_for_pushed_and_who_truly_was(tmp_path: Path) -> None:
+    one = carried()
+    write_carry_log(tmp_path / "one.mcap", one)
+    log = read_log(tmp_path / "one.mcap")
+    taken = of(log, "/policy/pushed", Words)
+    found = list(zip(taken.time, taken.values, strict=True))
+    assert found == [(0.0, ""), (0.02, "left"), (0.06, "right"), (0.1, "")]
+    assert found == changes(one.time, one.carried.named + 1, ("", "left", "right"))
+    assert of(log, "/truth/left_pushed", Flags).values.tolist() == [False, True, False, False, True, False]
+    assert of(log, "/truth/right_pushed", Flags).values.tolist() == [False, False, False, False, True, True]
+
+
+def test_a_roll_out_has_these_topics_and_no_others(tmp_path: Path) -> None:
+    write_carry_log(tmp_path / "one.mcap", carried())
+    of_a_side = ("/{}/pose", "/{}/commanded", "/{}/wrench", "/{}/joint_states", "/truth/{}_contact", "/truth/{}_pushed")
+    of_policy = {f"/policy/{name}" for name in ("x", "p_hat", "gate", "pushed")}
+    sides = {topic.format(side) for topic in of_a_side for side in ("left", "right")}
+    assert set(read_log(tmp_path / "one.mcap")) == sides | of_policy | {"/box/pose", "/phase"}
+
+
+@pytest.mark.parametrize("field", ["named", "acting"])
+def test_other_pushes_make_another_log(tmp_path: Path, field: str) -> None:
+    one = carried()
+    write_carry_log(tmp_path / "one.mcap", one)
+    one.carried = replace(one.carried, **{field: np.roll(getattr(one.carried, field), 1, axis=0)})
+    write_carry_log(tmp_path / "two.mcap", one)
+    assert (tmp_path / "two.mcap").read_bytes() != (tmp_path / "one.mcap").read_bytes()
 
 
 def test_a_roll_out_says_what_it_was(tmp_path: Path) -> None:

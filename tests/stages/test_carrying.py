@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from stages.policy.admittance import admittance_of
 from stages.policy.carrying import ENDED, LOST_TIME, REST, SET_DOWN_DEPTH, TOO_DEEP, Carrier, Clamp, Phase
+from stages.policy.estimation import Belief
 from stages.policy.parameters import AdmittanceParameters
 from stages.trajectory import Array
 
@@ -38,13 +39,17 @@ class Straight:
     def __init__(self, cycles: int) -> None:
         self.left = cycles
 
-    def step(self, midpoint: Array) -> Array:
+    def step(self, midpoint: Array, *, return_speed: float | None) -> Array:
+        assert return_speed is None  # nobody is pushed
         self.left -= 1
         return midpoint + STEP
 
     @property
     def ended(self) -> bool:
         return self.left <= 0
+
+    def gap(self, midpoint: Array) -> float:
+        return 0.0
 
 
 def spring(carrier: Carrier, length: float = L, stiffness: float = STIFFNESS) -> Array:
@@ -278,6 +283,35 @@ def test_whatever_is_measured_the_midpoint_moves_along_the_way_only(measured: li
             assert -1.01 * DT * 0.02 <= moved[2] <= 0.0
         else:
             assert not moved.any()
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.GRIP, Phase.CARRY, Phase.SET_DOWN, Phase.RELEASE])
+def test_stopped_pads_hold_still_whatever_is_measured(phase: Phase) -> None:
+    one = carrier()
+    if one.phase is not phase:
+        until(phase, one)
+    one.step(spring(one))
+    one.stop()
+    pads, midpoint = one.pads.copy(), one.midpoint.copy()
+    for measured in (0.0, 5.0, 50.0):
+        one.step(np.full(2, measured))
+        assert one.phase is Phase.STOPPED
+        assert one.pads.tolist() == pads.tolist()
+        assert one.midpoint.tolist() == midpoint.tolist()
+        assert not one.velocities.any()
+    assert one.phase in ENDED
+
+
+def test_what_is_felt_is_fed_forward_where_the_mass_is_found_out_and_else_what_is_believed() -> None:
+    felt = np.array([2.0, -1.0])
+    knows, believes = carrier(), carrier(belief=Belief(finds_mass=False, mass=0.4))
+    assert knows.payload(felt).tolist() == [2.0, -1.0]
+    assert believes.payload(felt).tolist() == [0.0, 0.0]  # it stands yet
+    until(Phase.CARRY, believes)
+    assert believes.payload(felt) == pytest.approx([1.962, 1.962], rel=1e-12)  # 0.4 * 9.81/2
+    until(Phase.RELEASE, believes)
+    assert believes.payload(felt).tolist() == [0.0, 0.0]
+    assert knows.desired == believes.desired == 5.0
 
 
 def test_forces_and_offsets_are_copies() -> None:

@@ -212,6 +212,131 @@ def test_disturbed_it_makes_the_steps_of_a_roll_out(coupling: Coupling, obstacle
     same(controller(coupling=coupling, obstacles=obstacles), path, push)
 
 
+# x is told to wait.
+
+
+def test_told_to_wait_it_comes_back_as_fast_as_asked_by_hand() -> None:
+    robot = controller()
+    assert robot.coupled
+    x = robot.step(np.array(START))
+    # 12 mm aside: 5 mm a step by itself, 4 mm when that is asked.
+    state = x + 0.012 * np.eye(2)[1]
+    for left in (0.008, 0.004, 0.0, 0.0):
+        state = robot.step(state, return_speed=0.4)
+        assert state == pytest.approx([x[0], left], abs=1e-15)
+        assert (robot.x == x).all()
+        assert not robot.moving
+    assert (state == x).all()
+    # Where it is not asked any more x goes on in the very next step.
+    state = robot.step(state)
+    assert robot.moving
+    assert state == pytest.approx(x * 0.99 / 1.01, rel=1e-14)
+
+
+@given(seeds, st.integers(2, 4), st.floats(0.0, 2.0), st.floats(0.0, 0.05))
+def test_told_to_wait_x_stays_and_what_is_commanded_comes_straight_to_it(
+    seed: int, d: int, speed: float, far: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    model = bent(generator, d)
+    robot = controller(model, model.goal + 0.1 * generator.normal(size=d))
+    x = robot.step(robot.x)
+    away = generator.normal(size=d)
+    measured = x + far * away / np.linalg.norm(away)
+    gap = float(np.linalg.norm(measured - x))
+    command = robot.step(measured, return_speed=speed)
+    assert (robot.x == x).all()
+    assert not robot.moving
+    assert robot.status is Status.FREE
+    if gap <= speed * DT * (1.0 - 1e-12):
+        assert (command == x).all()
+    elif gap > speed * DT * (1.0 + 1e-12):
+        assert command == pytest.approx(measured + speed * DT / gap * (x - measured), abs=1e-15)
+        assert np.linalg.norm(command - measured) <= speed * DT * (1.0 + 1e-9) + 1e-15
+    if speed == 0.0:
+        assert (command == measured).all()
+
+
+@given(seeds, st.floats(0.01, 0.5), st.floats(0.001, 0.1))
+def test_told_to_wait_for_long_enough_it_is_back_exactly(seed: int, speed: float, far: float) -> None:
+    robot = controller()
+    away = np.random.default_rng(seed).normal(size=2)
+    state = START + far * away / np.linalg.norm(away)
+    for _ in range(math.ceil(far / (speed * DT)) + 1):
+        state = robot.step(state, return_speed=speed)
+    assert (state == START).all()
+    assert (robot.x == START).all()
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from([(), (BALL,)]))
+def test_to_wait_on_the_way_changes_when_and_not_where(seed: int, obstacles: tuple[Obstacle, ...]) -> None:
+    # The same states of x, bit for bit, whenever it was held up, and wherever the arms were pushed meanwhile.
+    generator = np.random.default_rng(seed)
+    free, held = controller(obstacles=obstacles), controller(obstacles=obstacles)
+    state = other = np.array(START)
+    for _ in range(150):
+        state = free.step(state)
+        if generator.random() < 0.05:
+            at = other
+            outwards = at - BALL.centre if obstacles else generator.normal(size=2)
+            other = at + generator.uniform(0.0, 0.02) * outwards / np.linalg.norm(outwards)
+            for _ in range(60):  # near the ball it slows down
+                other = held.step(other, return_speed=0.2)
+                assert (held.x == at).all()
+            assert (other == at).all()
+        other = held.step(other)
+        assert other.tobytes() == state.tobytes()
+        assert held.x.tobytes() == free.x.tobytes()
+        assert held.moving == free.moving
+        assert held.status is free.status
+
+
+@settings(max_examples=30)
+@given(seeds, st.floats(0.0, 1.0))
+def test_what_is_not_coupled_cannot_be_told_to_wait(seed: int, speed: float) -> None:
+    generator = np.random.default_rng(seed)
+    model = bent(generator, 3)
+    told, other = (controller(model, model.goal + 0.1 * np.eye(3)[0], coupling=PLAIN) for _ in range(2))
+    assert not told.coupled
+    state = np.asarray(told.x)
+    for _ in range(20):
+        state = state + 0.01 * generator.normal(size=3)
+        command = told.step(state, return_speed=speed)
+        assert command.tobytes() == other.step(state).tobytes()
+        assert told.x.tobytes() == other.x.tobytes()
+        assert told.moving
+        state = command
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from([ROBUST, PAPER, PLAIN]), st.sampled_from([(), (BALL,)]))
+def test_not_told_to_wait_nothing_is_changed(seed: int, coupling: Coupling, obstacles: tuple[Obstacle, ...]) -> None:
+    generator = np.random.default_rng(seed)
+    told, other = (controller(coupling=coupling, obstacles=obstacles) for _ in range(2))
+    state = np.array(START)
+    for _ in range(60):
+        if generator.random() < 0.1:
+            state = state + 0.005 * generator.normal(size=2)
+        command = told.step(state, return_speed=None)
+        assert command.tobytes() == other.step(state).tobytes()
+        assert told.x.tobytes() == other.x.tobytes()
+        assert told.moving == other.moving
+        assert told.status is other.status
+        state = command
+
+
+def test_told_to_wait_it_comes_back_round_an_obstacle() -> None:
+    # Dragged to the far side of the ball: the straight way back leads through it.
+    robot = controller(obstacles=(BALL,))
+    state = np.array([0.025, 0.001])
+    for _ in range(600):
+        before, state = state, robot.step(state, return_speed=0.1)
+        assert clear_between(BALL, before, state) >= -1e-9
+        assert (robot.x == START).all()
+    assert (state == START).all()
+
+
 # What it says.
 
 

@@ -23,7 +23,7 @@ from stages.policy.avoidance.shapes import spheres
 from stages.policy.coupled import energy
 from stages.policy.outcome import Outcome
 from stages.rollout.cases import MOST_STEPS
-from stages.rollout.disturbances import begin, merged_spans, pushes_of, samples
+from stages.rollout.disturbances import begin, merged_spans, pushes_of, samples, spans_of
 from stages.rollout.notices import notices
 from stages.rollout.parameters import (
     ClpvdsController,
@@ -322,6 +322,26 @@ def test_spans_that_overlap_or_touch_are_one() -> None:
     assert merged_spans([(3, 5), (0, 1), (6, 8), (20, 20)]) == ((0, 1), (3, 8), (20, 20))
     assert merged_spans([(0, 9), (2, 3), (9, 9), (11, 12)]) == ((0, 9), (11, 12))
     assert merged_spans([]) == ()
+
+
+def test_spans_in_which_something_acts_by_hand() -> None:
+    def spans(acting: str) -> tuple[tuple[int, int], ...]:
+        return spans_of(np.array([one == "x" for one in acting], dtype=np.bool_))
+
+    assert spans("..xxx.x..") == ((2, 4), (6, 6))
+    assert spans("xx.....xx") == ((0, 1), (7, 8))  # from the first sample, and to the last
+    assert spans("xxxx") == ((0, 3),)
+    assert spans("x") == ((0, 0),)
+    assert spans("....") == ()
+    assert spans("") == ()
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_spans_hold_what_acts_and_are_as_long_as_can_be(acting: list[bool]) -> None:
+    spans = spans_of(np.array(acting, dtype=np.bool_))
+    inside = [i for first, last in spans for i in range(first, last + 1)]
+    assert inside == [i for i, acts in enumerate(acting) if acts]
+    assert merged_spans(spans) == spans  # none touches the next
 
 
 def test_spans_of_a_roll_out_are_merged() -> None:

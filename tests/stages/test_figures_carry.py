@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,15 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from drawings import drawn, strokes, texts
+from made_boxes import GOAL, START, box, column, learn, results_of, said, tables, with_boxes
 
-from pipeline.project import Project
-from pipeline.report import Figure, Paragraph, Section, Table, assemble
-from stages import STAGES
+from pipeline.report import Figure, Paragraph, assemble
 from stages.artifacts.demonstrations import write_demonstrations
-from stages.artifacts.metrics import read_metrics, write_metrics
-from stages.artifacts.rollouts import read_rollouts, write_rollouts
+from stages.artifacts.metrics import read_metrics
 from stages.dynamics.parameters import QlfParameters
-from stages.evaluate.force import grip
 from stages.evaluate.parameters import EvaluateParameters
 from stages.figures.carry_cases import held_groups
 from stages.figures.carry_panels import (
@@ -43,104 +39,10 @@ from stages.figures.sections import lead, sections
 from stages.figures.teleoperation_figure import led_by, teleoperation_figure
 from stages.ingest.parameters import LasaParameters
 from stages.mixture.parameters import EmParameters
-from stages.policy.carrying import Phase
 from stages.policy.outcome import Outcome
 from stages.policy.parameters import AdmittanceParameters
-from stages.rollout.carry import PHASES
 from stages.rollout.parameters import CarryCondition, CarryParameters
-from stages.trajectory import ArmRecording, Demonstration, frozen
-
-EXPERIMENT = """
-description = "A <box> & two arms"
-[ingest]
-motion = "Line"
-depth = "Sine"
-[midpoint]
-samples = 60
-[mixture]
-kind = "em"
-components = 2
-[dynamics]
-kind = "qlf"
-[rollout]
-kind = "bullet"
-conditions = [{ name = "held" }, { name = "<stiff>", compliance = false, length_error = 0.001 }]
-"""
-START, GOAL = np.array([0.45, -0.15, 0.35]), np.array([0.65, 0.15, 0.47])
-ORDER = (Phase.APPROACH, Phase.GRIP, Phase.CARRY, Phase.SET_DOWN, Phase.RELEASE, Phase.DONE)
-
-
-def box(
-    condition: str = "held",
-    number: int = 0,
-    *,
-    force: tuple[float, float] = (5.0, 5.0),
-    compliance: bool = True,
-    mode: str = "robust",
-    outcome: Outcome = Outcome.ARRIVED,
-    ratio: float = 2.5,
-    bias: float = 0.0,
-) -> SimpleNamespace:
-    """A made-up roll-out of 60 samples: ten in each phase; the box goes straight, `force` of left and right."""
-    phases = ORDER
-    if outcome is Outcome.LOST_BOX:
-        phases = (Phase.APPROACH, Phase.GRIP, Phase.CARRY, Phase.CARRY, Phase.CARRY, Phase.LOST)
-    if outcome is Outcome.NOT_GRIPPED:
-        phases = (Phase.APPROACH, Phase.APPROACH, Phase.APPROACH, Phase.GRIP, Phase.GRIP, Phase.MISSED)
-    n = 60
-    way = START + np.clip(np.arange(n) - 20, 0, 10)[:, None] / 10.0 * (GOAL - START)
-    end = np.array(way)
-    if outcome is Outcome.LOST_BOX:
-        end[45:, 2] = 0.1
-    contact = np.where(np.arange(n)[:, None] < 10, 0.0, np.array(force))
-    aside = np.array([0.0, 0.15, 0.0])
-    pads = np.stack([way + aside, way - aside], axis=1)
-    carried = SimpleNamespace(
-        phase=np.repeat([PHASES.index(p) for p in phases], 10).astype(np.int8),
-        pads=pads,
-        box=end,
-        turn=np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
-        force=contact,
-        contact=contact,
-        commanded=pads,
-        q=np.zeros((n, 2, 7)),
-        qdot=np.zeros((n, 2, 7)),
-    )
-    facts = {
-        "compliance": compliance,
-        "force": 5.0,
-        "mass": 0.4,
-        "friction": 1.0,
-        "start": START.tolist(),
-        "goal": GOAL.tolist(),
-        "box": [0.2, 0.3, 0.2],
-        "bias": [bias, bias],
-        "length_error": 0.001 * number,
-        "grip_ratio": ratio,
-    }
-    return SimpleNamespace(
-        rollout=f"clpvds-{mode}/{condition}/{number}",
-        controller="clpvds",
-        mode=mode,
-        avoidance="none",
-        condition=condition,
-        dataset="Line",
-        demo="1",
-        split="train",
-        outcome=outcome,
-        scene="",
-        disturbed=(),
-        time=0.02 * np.arange(n),
-        x=way,
-        p_hat=way,
-        gate=np.ones(n, dtype=bool),
-        lyapunov=np.zeros(n),
-        clearance=np.full(n, math.inf),
-        status=np.zeros(n, dtype=np.int8),
-        carried=carried,
-        scene_facts=facts,
-    )
-
+from stages.trajectory import ArmRecording, Demonstration
 
 MIXED = (
     box(number=0),
@@ -152,61 +54,7 @@ MIXED = (
 
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Results:
-    """A project with a learned system in space, whose roll-outs tests make up."""
-    root = tmp_path_factory.mktemp("carry")
-    (root / "runs" / "box").mkdir(parents=True)
-    (root / "runs" / "box" / "experiment.toml").write_text(EXPERIMENT, encoding="utf-8")
-    project = Project.open(root, STAGES)
-    experiment = project.experiment("box")
-    project.bring_up(experiment, "dynamics", jobs=1)
-    records, files = {}, {}
-    for examined in project.plan(experiment, "dynamics"):
-        assert examined.record is not None
-        records[examined.stage.name] = examined.record
-        files |= {k: project.store.path(a.digest) for k, a in project.store.outputs(examined.record).items()}
-    point = PointResults(point=experiment.points[0], files=files, records=records)
-    return Results(experiment=experiment, points=(point,), kind="qlf")
-
-
-def with_boxes(learned: Results, folder: Path, boxes: Sequence[SimpleNamespace], name: str = "main") -> PointResults:
-    """The point with roll-outs and their metrics."""
-    (folder / name).mkdir()
-    rollouts, metrics = folder / name / "rollouts.parquet", folder / name / "metrics.parquet"
-    coupling = {"v_max": 0.75, "gate": 0.0, "p_max": 0.0, "k_c": 0.0}
-    controllers = [{"kind": "clpvds", "mode": "robust", "coupling": coupling}]
-    write_rollouts(rollouts, boxes, (), frozen(GOAL), {"top_speed": 0.15, "controllers": controllers})
-    rows = []
-    for found in read_rollouts(rollouts)[0]:
-        assert found.carry is not None
-        names = ("dataset", "controller", "mode", "avoidance", "condition", "demo", "split", "rollout", "outcome")
-        case = {key: getattr(found, key) for key in names}
-        measured = {"dynamics": "qlf", "lyapunov_rise_max": 0.0, "dtw_mm": 1234.0}
-        rows.append({**case, **measured, **asdict(grip(found.carry, found.outcome))})
-    write_metrics(metrics, rows)
-    point = learned.points[0]
-    return replace(point, files={**point.files, "rollouts": rollouts, "metrics": metrics})
-
-
-def results_of(learned: Results, folder: Path, boxes: Sequence[SimpleNamespace]) -> Results:
-    return replace(learned, points=(with_boxes(learned, folder, boxes),))
-
-
-def tables(section: Section | None) -> list[Table]:
-    assert section is not None
-    return [block for block in section.blocks if isinstance(block, Table)]
-
-
-def column(table: Table, *names: str) -> list[str]:
-    """Cells of the column that bears the last of `names`; the one before it is the title of its group."""
-    heads = [title for title, count in table.groups or (("", len(table.columns)),) for _ in range(count)]
-    wanted = [i for i, (g, c) in enumerate(zip(heads, table.columns, strict=True)) if (g, c)[-len(names) :] == names]
-    assert len(wanted) == 1, (names, table.columns)
-    return [row[wanted[0]] for row in table.rows]
-
-
-def said(section: Section | None) -> str:
-    assert section is not None
-    return " ".join(block.text for block in section.blocks if isinstance(block, Paragraph))
+    return learn(tmp_path_factory.mktemp("carry"))
 
 
 # --- tables ---------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from stages.artifacts.rollouts import RecordedCarry
 from stages.evaluate.force import BAND, FALLEN, grip, slips
 from stages.policy.carrying import tilt as tilted
+from stages.policy.outcome import Outcome
 from stages.trajectory import Array
 
 START, GOAL, BOX = (0.45, -0.15, 0.35), (0.65, 0.15, 0.47), (0.2, 0.3, 0.2)
@@ -38,8 +39,11 @@ def about(axis: str, degrees: float) -> list[float]:
 
 
 def held(phases: str, **changes: Any) -> RecordedCarry:
-    """One sample a letter, Approach, Grip, Carry, Set-down, Release, Done: the box stands still between its pads."""
-    names = {"A": "approach", "G": "grip", "C": "carry", "S": "set-down", "R": "release", "D": "done"}
+    """One sample a letter, Approach, Grip, Carry, Set-down, Release, Done, Lost: the box stands still between its pads.
+
+    Nobody pushes, and there are no pots.
+    """
+    names = {"A": "approach", "G": "grip", "C": "carry", "S": "set-down", "R": "release", "D": "done", "L": "lost"}
     n = len(phases)
     made: dict[str, Any] = {
         "phase": np.array([names[letter] for letter in phases]),
@@ -47,6 +51,12 @@ def held(phases: str, **changes: Any) -> RecordedCarry:
         "turn": np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
         "force": np.full((n, 2), 5.0),
         "contact": np.full((n, 2), 5.0),
+        "desired": np.full(n, 5.0),
+        "residual": np.zeros((n, 2)),
+        "named": np.full(n, "", dtype=object),
+        "pushed": np.zeros((n, 2), dtype=bool),
+        "box_room": np.full(n, np.nan),
+        "arm_room": np.full(n, np.nan),
         "facts": FACTS | changes.pop("facts", {}),
     }
     made |= changes
@@ -164,12 +174,38 @@ def test_a_box_below_start_and_goal_has_been_dropped() -> None:
     assert not grip(held("CCC", box=heights(0.4, 0.25, 0.2), facts=lower), "arrived").dropped
 
 
+@pytest.mark.parametrize(("phases", "dropped"), [("CCC", True), ("CCL", True), ("CCR", False), ("CCD", False)])
+def test_a_box_that_has_sunk_between_its_pads_has_been_dropped(phases: str, dropped: bool) -> None:
+    """Well above start and goal; not where the pads have let go of it."""
+    box = heights(0.8, 0.8, 0.8)
+    for sunk, falls in ((FALLEN - 1e-9, False), (FALLEN + 1e-9, dropped)):
+        pads = np.stack([box + ASIDE, box - ASIDE], axis=1)
+        pads[2, :, 2] += [sunk + 0.1, sunk - 0.1]  # of the pads' middle: one alone is not enough
+        assert grip(held(phases, box=box, pads=pads), "lost-box").dropped == falls
+
+
+def test_pushes_and_pots_do_not_touch_how_a_box_was_held() -> None:
+    """What is said of them is said elsewhere: `pushed.py`."""
+    contact, generator = np.array([[4.0, 6.0], [5.0, 11.0], [3.0, 5.0]]), np.random.default_rng(0)
+    plain = grip(held("CCC", contact=contact), "arrived")
+    others: dict[str, Any] = {
+        "residual": generator.uniform(0.0, 0.1, size=(3, 2)),
+        "named": np.array(["", "left", "right"], dtype=object),
+        "pushed": np.array([[False, True], [True, False], [True, True]]),
+        "box_room": generator.uniform(size=3),
+        "arm_room": generator.uniform(size=3),
+    }
+    assert grip(held("CCC", contact=contact, **others), "arrived") == plain
+
+
 def test_delivery_is_the_outcome_and_its_error_that_of_the_last_sample() -> None:
     box = np.array([START, START, [0.653, 0.15, 0.474]])
     found = grip(held("CRD", box=box), "arrived")
     assert found.delivered
     assert found.delivery_error_mm == pytest.approx(5.0)
-    for outcome in ("misplaced", "lost-box", "not-gripped", "timeout"):
+    others = [str(outcome) for outcome in Outcome if outcome is not Outcome.ARRIVED]
+    assert {"misplaced", "lost-box", "dropped", "held", "out-of-reach", "joint-limit", "singular"} <= set(others)
+    for outcome in others:
         assert not grip(held("CRD"), outcome).delivered
 
 

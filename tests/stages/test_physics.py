@@ -29,13 +29,13 @@ from stages.dynamics.lpvds import LpvDs
 from stages.evaluate.force import grip
 from stages.mixture.gaussian import GaussianMixture
 from stages.policy.admittance import settled_force
-from stages.policy.carrying import Phase
-from stages.policy.coupling import robust_coupling
+from stages.policy.carrying import Phase, tilt
 from stages.policy.outcome import Outcome
-from stages.rollout import physics
-from stages.rollout.carry import PHASES, Carried, carry, tilt
+from stages.rollout import carry_conditions, physics
+from stages.rollout.carry import PHASES, Carried, CarryTask, carry
+from stages.rollout.carry_conditions import check, clamp_of, task_of
 from stages.rollout.parameters import CarryCondition, CarryParameters
-from stages.rollout.physics import CarryRollout, check, clamp_of, notices, simulate
+from stages.rollout.physics import CarryRollout, notices, simulate
 from stages.rollout.results import Simulated
 from stages.trajectory import Array, Trajectory
 from stages.world.boxes import grip_ratio
@@ -123,6 +123,7 @@ def test_samples_are_on_a_clock_and_arrays_cannot_be_written(held: CarryRollout)
     assert np.diff(held.time)[:-1] == pytest.approx(0.02)  # and the end, whenever it is
     shapes = {"x": (3,), "p_hat": (3,), "q": (2, 7), "qdot": (2, 7), "pads": (2, 3), "commanded": (2, 3)}
     shapes |= {"box": (3,), "turn": (4,), "force": (2,), "contact": (2,), "time": ()}
+    shapes |= {"desired": (), "residual": (2,)}
     for name, shape in shapes.items():
         array = getattr(arms, name)
         assert array.shape == (n, *shape)
@@ -158,8 +159,13 @@ def test_it_says_what_it_was(held: CarryRollout) -> None:
     assert held.rollout == "clpvds-robust/compliant/0"
     assert (held.controller, held.mode, held.avoidance, held.condition) == ("clpvds", "robust", "none", "compliant")
     assert (held.dataset, held.demo, held.split, held.scene, held.disturbed) == ("made", "1", "train", "", ())
-    assert np.isinf(held.clearance).all()
+    for room in (held.clearance, held.carried.box_room, held.carried.arm_room):
+        assert np.isinf(room).all()  # there is no pot
     facts = held.scene_facts
+    assert (facts["compliance"], facts["following"], facts["coupling"]) == (True, True, True)
+    assert (facts["pushes"], facts["pots"], facts["refused"]) == ([], [], 0)
+    assert (facts["box_contacts"], facts["arm_contacts"]) == (0, 0)
+    assert (facts["length_found"], facts["mass_found"]) == (held.carried.length, held.carried.mass)
     assert 0.25 <= facts["mass"] <= 0.35
     assert facts["mass"] != 0.3
     assert facts["start"][2] == START[2]
@@ -175,9 +181,12 @@ def test_it_goes_through_the_table_of_roll_outs_to_its_metrics(held: CarryRollou
     assert two.rollout == "clpvds-robust/compliant/1"
     for read in (one, two):
         assert read.carry is not None
-        for name in ("pads", "box", "turn", "force", "contact"):
+        for name in ("pads", "box", "turn", "force", "contact", "desired", "residual"):
             assert np.array_equal(getattr(read.carry, name), getattr(held.carried, name))
         assert read.carry.phase.tolist() == [str(PHASES[code]) for code in held.carried.phase]
+        assert set(read.carry.named) == {""}
+        assert not read.carry.pushed.any()
+        assert np.isnan([read.carry.box_room, read.carry.arm_room]).all()
         assert read.carry.facts == held.scene_facts
         assert np.array_equal(read.executed, held.carried.pads.mean(axis=1))
         assert np.array_equal(read.p_hat, held.p_hat)
@@ -229,19 +238,10 @@ def test_the_printed_law_settles_below(held: CarryRollout) -> None:
     assert one.carried.contact[carrying(one)][-150:-50].mean() == pytest.approx(settled_force(5.0, 25.0), abs=0.05)
 
 
-def carried_to(scene: Scene, given: CarryParameters, condition: CarryCondition, **changes: float) -> Carried:
+def carried_to(scene: Scene, given: CarryParameters, condition: CarryCondition) -> Carried:
     """`carry` itself, of a box that is taken to GOAL, wherever the scene's goal is."""
-    options = {"dt": 0.004, "stop_distance": 0.001, "max_duration": 60.0, "record": 50.0} | changes
-    return carry(
-        scene,
-        climbing(),
-        robust_coupling(v_max=None, top_speed=TOP_SPEED, location="rollout").compiled,
-        clamp_of(given, condition, scene),
-        np.random.default_rng(0),
-        force=5.0,
-        top_speed=TOP_SPEED,
-        **options,
-    )
+    task = task_of(given, condition, scene, climbing(), TOP_SPEED, np.random.default_rng(0))
+    return carry(task, np.random.default_rng(0))
 
 
 STIFF = CarryCondition(name="stiff", compliance=False)
@@ -260,7 +260,8 @@ def test_a_box_that_stands_elsewhere_is_misplaced() -> None:
 @pytest.mark.parametrize(
     ("error", "condition", "outcome", "ended"),
     [
-        (0.01, STIFF, Outcome.LOST_BOX, Phase.LOST),  # pads end 3 mm off the faces; the right one shoves the box
+        # Pads end 3 mm off the faces; the right one shoves the box.
+        (0.01, replace(STIFF, finds_length=False), Outcome.LOST_BOX, Phase.LOST),
         (0.10, CarryCondition(), Outcome.NOT_GRIPPED, Phase.MISSED),  # they look 4 cm deep, no farther
     ],
 )
@@ -277,7 +278,7 @@ def test_a_box_that_is_shorter_than_the_controller_thinks(
 
 
 def test_time_that_is_over() -> None:
-    found = carried_to(parameters().scene, parameters(), CarryCondition(), max_duration=0.2)
+    found = carried_to(parameters().scene, parameters(max_duration=0.2), CarryCondition())
     assert found.outcome is Outcome.TIMEOUT
     assert found.time[-1] == pytest.approx(0.2)
     assert set(found.phase) == {PHASES.index(Phase.APPROACH)}
@@ -301,12 +302,12 @@ def nothing(monkeypatch: pytest.MonkeyPatch, held: CarryRollout) -> list[tuple[S
     """Let every box be carried as `held`; what was asked for: scene, clamp, the first of the sensors' noise."""
     asked: list[tuple[Scene, Any, Array]] = []
 
-    def carry_nothing(scene: Scene, model: Any, coupling: Any, clamp: Any, generator: Any, **options: Any) -> Carried:
-        asked.append((scene, clamp, generator.normal(size=3)))
+    def carry_nothing(task: CarryTask, generator: np.random.Generator) -> Carried:
+        asked.append((task.scene, task.clamp, generator.normal(size=3)))
         return held.carried
 
     monkeypatch.setattr(physics, "carry", carry_nothing)
-    monkeypatch.setattr(physics, "check_scene", lambda *given: None)
+    monkeypatch.setattr(carry_conditions, "check_scene", lambda *given: None)
     return asked
 
 

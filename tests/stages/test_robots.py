@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from pipeline.errors import ParameterError
 from stages.policy.carrying import ENDED, Carrier, Phase
+from stages.rollout.carry_conditions import clamp_of
 from stages.rollout.parameters import CarryCondition, CarryParameters
-from stages.rollout.physics import clamp_of
 from stages.trajectory import Array
 from stages.world.boxes import pads_beside
 from stages.world.bullet import World
@@ -261,7 +261,8 @@ class Straight:
     def __init__(self, via: Array, dt: float) -> None:
         self._via, self._dt, self._next = via, dt, 1
 
-    def step(self, midpoint: Array) -> Array:
+    def step(self, midpoint: Array, *, return_speed: float | None) -> Array:
+        assert return_speed is None
         gap = self._via[self._next] - midpoint
         left = float(np.linalg.norm(gap))
         if left <= 0.1 * self._dt:
@@ -272,6 +273,9 @@ class Straight:
     @property
     def ended(self) -> bool:
         return self._next >= len(self._via)
+
+    def gap(self, midpoint: Array) -> float:
+        return 0.0
 
 
 @pytest.mark.parametrize("failure", [ImportError("no module"), OSError("fatal: Could not resolve host: example.org")])

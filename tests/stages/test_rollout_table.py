@@ -31,14 +31,19 @@ from stages.artifacts.rollouts import (
     write_rollouts,
 )
 from stages.dynamics.lpvds import LpvDs
+from stages.evaluate.force import Grip
 from stages.evaluate.parameters import EvaluateParameters
+from stages.evaluate.pushed import Pushed
 from stages.evaluate.stage import STAGE as EVALUATE
 from stages.evaluate.stage import headline
 from stages.evaluate.summary import by_condition
 from stages.mixture.gaussian import GaussianMixture
 from stages.policy.avoidance.parameters import Box, Ellipsoid, Sphere
 from stages.policy.avoidance.scene import shapes_of
+from stages.policy.carrying import Phase
 from stages.policy.outcome import Outcome, Status
+from stages.rollout.carry import Carried
+from stages.rollout.physics import CarryRollout
 from stages.rollout.stage import headline as rollout_headline
 from stages.trajectory import Array, Trajectory
 
@@ -46,6 +51,8 @@ seeds = st.integers(0, 2**32 - 1)
 CASE = ("rollout", "controller", "mode", "avoidance", "condition", "dataset", "demo", "split", "outcome", "scene")
 TABLES = ("time", "x", "p_hat", "gate", "lyapunov")
 CODES = {str(status): code for code, status in enumerate(Status)}
+NUMBERS = ("pads", "box", "turn", "force", "contact", "desired", "residual", "box_room", "arm_room")
+"""Arrays of `Carried` that come back under their own names."""
 
 
 def rollout(n: int = 6, d: int = 2, **changes: Any) -> RecordedRollout:
@@ -86,6 +93,47 @@ def among(n: int = 7, **changes: Any) -> RecordedRollout:
         "outcome": Outcome.COLLIDED,
     }
     return rollout(n, **(case | changes))
+
+
+def carried(n: int = 6, seed: int = 0, pots: bool = False, **changes: Any) -> CarryRollout:
+    """A roll-out of two arms that carry a box; every number differs from every other one."""
+    generator = np.random.default_rng(seed)
+    draw = generator.normal
+    room = draw(size=(2, n)) if pots else np.full((2, n), np.nan)
+    arms = Carried(
+        time=0.1 * np.arange(n),
+        x=draw(size=(n, 3)),
+        p_hat=draw(size=(n, 3)),
+        gate=generator.uniform(size=n) < 0.5,
+        phase=generator.integers(0, len(Phase), size=n).astype(np.int8),
+        q=draw(size=(n, 2, 7)),
+        qdot=draw(size=(n, 2, 7)),
+        pads=draw(size=(n, 2, 3)),
+        commanded=draw(size=(n, 2, 3)),
+        box=draw(size=(n, 3)),
+        turn=draw(size=(n, 4)),
+        force=draw(size=(n, 2)),
+        contact=draw(size=(n, 2)),
+        desired=draw(size=n),
+        residual=draw(size=(n, 2)),
+        named=generator.integers(-1, 2, size=n).astype(np.int8),
+        acting=generator.uniform(size=(n, 2)) < 0.5,
+        clearance=draw(size=n) if pots else np.full(n, np.nan),
+        box_room=room[0],
+        arm_room=room[1],
+        status=generator.integers(0, len(Status), size=n).astype(np.int8),
+        box_contacts=2,
+        arm_contacts=3,
+        length=0.31,
+        mass=0.4,
+        outcome=Outcome.ARRIVED,
+    )
+    arms = dataclasses.replace(arms, **changes)
+    case = {name: getattr(rollout(), name) for name in CASE} | {"rollout": f"clpvds-robust/pushed/{seed}"}
+    case |= {name: getattr(arms, name) for name in ("time", "x", "p_hat", "gate", "clearance", "status", "outcome")}
+    facts = {"mass": 0.5, "mass_found": 0.4, "length_found": 0.31, "pushes": [{"arm": "left", "rise": 0.5}], "pots": []}
+    more = {"lyapunov": np.zeros(n), "disturbed": (), "missed": 0, "carried": arms, "scene_facts": facts}
+    return CarryRollout(**(case | more))
 
 
 def scene(name: str = "two/made/4/0", traps: Array | None = None, complete: bool = True, d: int = 2) -> RecordedScene:
@@ -242,7 +290,7 @@ def test_equal_roll_outs_give_equal_bytes(tmp_path: Path) -> None:
 def test_the_table_says_what_it_is_and_in_which_units(tmp_path: Path) -> None:
     path = stored(tmp_path / "rollouts.parquet", [rollout()])
     found = header(path)
-    assert (found["schema"], found["version"]) == ("rollouts", 3)
+    assert (found["schema"], found["version"]) == ("rollouts", 4)
     schema = pq.read_schema(path)
     assert schema.names == [column.name for column in SCHEMA.columns]
     units = {field.name: (field.metadata or {}).get(b"unit") for field in schema}
@@ -262,6 +310,8 @@ def test_columns_of_arms_and_a_box_are_there_and_empty_without_them(tmp_path: Pa
     names += [f"box_q{axis}" for axis in "xyzw"]
     names += ["left_force", "right_force", "left_contact", "right_contact"]
     names += [f"{side}_{name}" for name in ("commanded", "q", "qdot") for side in ("left", "right")]
+    names += ["desired", "left_residual", "right_residual", "named", "left_pushed", "right_pushed"]
+    names += ["box_room", "arm_room"]
     assert table.column_names[-len(names) :] == names
     assert all(table[name].null_count == table.num_rows == 13 for name in names)
     found, _ = read_rollouts(path)
@@ -270,13 +320,80 @@ def test_columns_of_arms_and_a_box_are_there_and_empty_without_them(tmp_path: Pa
     units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
     assert (units["left_x"], units["box_z"], units["box_qw"], units["right_contact"]) == (b"m", b"m", None, b"N")
     assert (units["left_commanded"], units["left_q"], units["right_qdot"]) == (b"m", b"rad", b"rad/s")
+    assert (units["desired"], units["left_residual"], units["right_residual"]) == (b"N", b"m", b"m")
+    assert (units["named"], units["left_pushed"], units["right_pushed"]) == (None, None, None)
+    assert (units["box_room"], units["arm_room"]) == (b"m", b"m")
+
+
+def test_roll_outs_of_arms_come_back_as_they_went_in(tmp_path: Path) -> None:
+    written = [carried(pots=True), carried(1, seed=1), carried(9, seed=2)]
+    found, _ = read_rollouts(stored(tmp_path / "rollouts.parquet", written, d=3))
+    assert len(found) == 3
+    for one, two in zip(written, found, strict=True):
+        arms, carry = one.carried, two.carry
+        assert carry is not None
+        for name in NUMBERS:
+            there = getattr(carry, name)
+            assert there.shape == getattr(arms, name).shape
+            assert np.array_equal(there, getattr(arms, name), equal_nan=name.endswith("_room"))
+            assert not there.flags.writeable
+        assert carry.phase.tolist() == [str(tuple(Phase)[code]) for code in arms.phase]
+        assert carry.named.tolist() == [("", "left", "right")[code + 1] for code in arms.named]
+        assert carry.pushed.dtype == np.bool_
+        assert np.array_equal(carry.pushed, arms.acting)
+        assert carry.facts == one.scene_facts
+        assert np.array_equal(two.clearance, one.clearance, equal_nan=True)
+        assert [CODES[name] for name in two.status] == one.status.tolist()
+        assert np.array_equal(two.executed, arms.pads.mean(axis=1))
+    rooms = [one.carry.box_room for one in found if one.carry is not None]
+    assert [bool(np.isnan(room).any()) for room in rooms] == [False, True, True]
+
+
+def test_columns_of_pushes_hold_what_they_are_called(tmp_path: Path) -> None:
+    one = carried(
+        3,
+        desired=np.array([5.0, 6.0, 7.0]),
+        residual=np.array([[0.001, 0.002], [0.003, 0.004], [0.005, 0.006]]),
+        named=np.array([-1, 0, 1], dtype=np.int8),
+        acting=np.array([[False, False], [True, False], [True, True]]),
+        box_room=np.array([0.1, 0.2, -0.01]),
+        arm_room=np.array([0.3, 0.4, 0.5]),
+    )
+    table = pq.read_table(stored(tmp_path / "rollouts.parquet", [one], d=3))
+    wanted = {
+        "desired": [5.0, 6.0, 7.0],
+        "left_residual": [0.001, 0.003, 0.005],
+        "right_residual": [0.002, 0.004, 0.006],
+        "named": ["", "left", "right"],
+        "left_pushed": [False, True, True],
+        "right_pushed": [False, False, True],
+        "box_room": [0.1, 0.2, -0.01],
+        "arm_room": [0.3, 0.4, 0.5],
+    }
+    assert {name: table[name].to_pylist() for name in wanted} == wanted
+    for side, name in enumerate(("left", "right")):
+        for column in ("commanded", "q", "qdot"):
+            assert table[f"{name}_{column}"].to_pylist() == getattr(one.carried, column)[:, side].tolist()
+
+
+def test_equal_roll_outs_of_arms_give_equal_bytes(tmp_path: Path) -> None:
+    def bytes_of(name: str, **changes: Any) -> bytes:
+        return stored(tmp_path / f"{name}.parquet", [carried(**changes), carried(4, seed=1)], d=3).read_bytes()
+
+    first = bytes_of("one")
+    residual, acting = carried().carried.residual, carried().carried.acting
+    assert bytes_of("two") == first
+    assert bytes_of("three", residual=np.asfortranarray(residual), acting=np.asfortranarray(acting)) == first
+    assert bytes_of("other", acting=~acting) != first
 
 
 def test_another_version_and_another_table_are_refused(tmp_path: Path) -> None:
     columns = {"step": np.arange(3)}
-    write(tmp_path / "old.parquet", dataclasses.replace(SCHEMA, version=1), columns, {"goal": [0.0], "cases": []})
-    with pytest.raises(DataError, match="holds rollouts version 1, not version 3"):
-        read_rollouts(tmp_path / "old.parquet")
+    for version in (1, 3):
+        old = dataclasses.replace(SCHEMA, version=version)
+        write(tmp_path / "old.parquet", old, columns, {"goal": [0.0], "cases": []})
+        with pytest.raises(DataError, match=f"holds rollouts version {version}, not version 4"):
+            read_rollouts(tmp_path / "old.parquet")
     write(tmp_path / "other.parquet", Schema(name="other", version=2, columns=SCHEMA.columns), columns, {})
     with pytest.raises(DataError, match="holds other version 2") as error:
         read_rollouts(tmp_path / "other.parquet")
@@ -316,23 +433,23 @@ def test_headline_of_roll_outs_counts_outcomes_and_scenes_with_traps(tmp_path: P
 # --- metrics.parquet ------------------------------------------------------------------------------------------------
 
 
-def demonstration() -> Trajectory:
+def demonstration(d: int = 2) -> Trajectory:
     """The way of `rollout` at its own clock: 100 mm in 0.5 s."""
-    time, position = np.linspace(0.0, 0.5, 11), np.linspace([0.1, 0.0], [0.0, 0.0], 11)
-    velocity = np.tile([-0.2, 0.0], (11, 1))
+    time, position = np.linspace(0.0, 0.5, 11), np.linspace([0.1] + [0.0] * (d - 1), [0.0] * d, 11)
+    velocity = np.tile([-0.2] + [0.0] * (d - 1), (11, 1))
     return Trajectory(dataset="made", demo="4", split="test", time=time, position=position, velocity=velocity)
 
 
 def evaluated(
-    folder: Path, rollouts: Sequence[RecordedRollout], scenes: Sequence[RecordedScene]
+    folder: Path, rollouts: Sequence[Any], scenes: Sequence[RecordedScene], d: int = 2
 ) -> list[dict[str, Any]]:
     """Rows that the evaluate stage makes of roll-outs of xdot = -2 x."""
-    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, 2)), covariances=np.eye(2)[None])
-    model = LpvDs(mixture=mixture, matrices=-2.0 * np.eye(2)[None], goal=np.zeros(2), lyapunov_matrix=np.eye(2))
+    mixture = GaussianMixture(weights=np.ones(1), means=np.zeros((1, d)), covariances=np.eye(d)[None])
+    model = LpvDs(mixture=mixture, matrices=-2.0 * np.eye(d)[None], goal=np.zeros(d), lyapunov_matrix=np.eye(d))
     inputs = {name: folder / f"{name}.parquet" for name in ("midpoints", "dynamics", "rollouts")}
-    write_midpoints(inputs["midpoints"], [demonstration()], np.zeros(2), [None], {})
+    write_midpoints(inputs["midpoints"], [demonstration(d)], np.zeros(d), [None], {})
     write_dynamics(inputs["dynamics"], model, [-4.0], [0.0], {"kind": "qlf"})
-    stored(inputs["rollouts"], rollouts, scenes)
+    stored(inputs["rollouts"], rollouts, scenes, d)
     outputs = {"metrics": folder / "metrics.parquet"}
     context = StageContext(
         stage="evaluate", parameters=EvaluateParameters(samples=50), inputs=inputs, sources={}, outputs=outputs
@@ -410,6 +527,74 @@ def test_energy_and_recovery_of_a_coupled_roll_out_by_hand(tmp_path: Path) -> No
     # It goes farther away while x waits: from 0.06^2 to 0.07^2 at sample 4.
     (row,) = evaluated(tmp_path, [coupled([*pushed[:4], 0.07, 0.0, 0.0], ((2, 3),))], [])
     assert row["energy_rise_max"] == pytest.approx(13e-4, rel=1e-9)
+
+
+PUSHED = {field.name for field in dataclasses.fields(Pushed)}
+
+
+def test_every_figure_of_a_carried_box_has_a_column_with_its_unit() -> None:
+    columns = {column.name: column for column in METRICS.columns}
+    fields = [*dataclasses.fields(Pushed), *dataclasses.fields(Grip)]
+    assert {field.name for field in fields} <= set(columns)
+    assert len({field.name for field in fields}) == len(fields)  # neither hides one of the other's
+    types = {"bool": "bool", "str": "text", "int": "int", "float": "float"}
+    units = {"mm": "mm", "n": "N", "g": "g", "deg": "deg"}
+    for field in fields:
+        column = columns[field.name]
+        assert column.type == types[str(field.type).removesuffix(" | None")]
+        assert column.unit == units.get(field.name.rsplit("_", 1)[-1], "")
+
+
+def test_pushes_and_pots_of_a_carried_box_by_hand(tmp_path: Path) -> None:
+    x = np.linspace([0.1, 0.0, 0.0], [0.0, 0.0, 0.0], 6)
+    aside = np.array([[0.0] * 3, [0.0] * 3, [0.0, 0.0, 0.02], [0.0, 0.0, 0.001], [0.0] * 3, [0.0] * 3])
+    half = np.array([0.0, 0.15, 0.0])
+    facts: dict[str, Any] = {
+        **{"compliance": True, "following": True, "coupling": False, "force": 5.0, "grip_ratio": 2.5, "mass": 0.5},
+        **{"bias": [0.0, 0.0], "start": [0.1, 0.0, 0.0], "goal": [0.0, 0.0, 0.0], "box": [0.2, 0.3, 0.2]},
+        **{"length_found": 0.304, "mass_found": 0.48, "pots": [{"radius": 0.1}], "box_contacts": 2, "arm_contacts": 3},
+    }
+    one = carried(
+        6,
+        x=x,
+        p_hat=x[::-1] + 0.1,
+        gate=np.array([True, True, False, True, True, True]),
+        phase=np.full(6, list(Phase).index(Phase.CARRY), dtype=np.int8),
+        pads=np.stack([x + aside + half, x + aside - half], axis=1),
+        box=x + aside,
+        turn=np.tile([0.0, 0.0, 0.0, 1.0], (6, 1)),
+        desired=np.linspace(5.0, 7.5, 6),
+        named=np.array([-1, -1, 0, 0, -1, -1], dtype=np.int8),
+        acting=np.array([[False, False], [False, True], [False, True], *[[False, False]] * 3]),
+        box_room=np.array([0.3, 0.2, 0.1, -0.004, 0.2, 0.3]),
+        arm_room=np.array([0.5, 0.4, 0.05, 0.06, 0.4, 0.5]),
+    )
+    one = dataclasses.replace(one, scene_facts=facts)
+    bare = {**facts, "pots": [], "mass_found": None}
+    still = dataclasses.replace(one.carried, named=np.full(6, -1, dtype=np.int8), acting=np.zeros((6, 2), dtype=bool))
+    two = dataclasses.replace(one, rollout="two", scene_facts=bare, carried=still)
+    row, calm = evaluated(tmp_path, [one, two], [], d=3)
+    assert list(row) == [column.name for column in METRICS.columns]
+    flags = {"following": True, "coupling": False}
+    wanted = {
+        **{"deviation_max_mm": 20.0, "moved_while_away_mm": 20.0, "box_back_mm": 1.0, "desired_force_n": 7.5},
+        **{"length_error_mm": 4.0, "mass_error_g": -20.0, "box_room_min_mm": -4.0, "arm_room_min_mm": 50.0},
+        **{"box_contacts": 2, "arm_contacts": 3},
+    }
+    assert {*flags, "pushed", "named", *wanted} == PUSHED
+    assert {name: row[name] for name in wanted} == pytest.approx(wanted, rel=1e-9)
+    assert {name: row[name] for name in flags} == {name: calm[name] for name in flags} == flags
+    assert (row["pushed"], row["named"], calm["pushed"], calm["named"]) == ("right", "left", None, None)
+    missing = {"mass_error_g", "box_room_min_mm", "arm_room_min_mm", "box_contacts", "arm_contacts"}
+    assert {calm[name] for name in missing} == {None}
+    assert {name: calm[name] for name in set(wanted) - missing} == {name: row[name] for name in set(wanted) - missing}
+
+
+def test_a_roll_out_without_a_box_has_no_figures_of_pushes_and_pots(tmp_path: Path) -> None:
+    (row,) = evaluated(tmp_path, [among()], SCENES)
+    assert {row[name] for name in PUSHED} == {None}
+    with pq.ParquetFile(tmp_path / "metrics.parquet") as file:
+        assert b'"version":6' in file.schema_arrow.metadata[b"clpv"]
 
 
 # --- means ----------------------------------------------------------------------------------------------------------

@@ -561,6 +561,11 @@ def test_outcomes_are_their_names() -> None:
         "start-inside",
         "not-gripped",
         "lost-box",
+        "dropped",
+        "held",
+        "out-of-reach",
+        "joint-limit",
+        "singular",
         "misplaced",
         "swallowed",
     ]
@@ -569,7 +574,9 @@ def test_outcomes_are_their_names() -> None:
         assert pickle.loads(pickle.dumps(outcome)) is outcome
     # Those that a roll-out can end with; of the others some are refusals, some are of a box.
     refusals = {Outcome.GOAL_INSIDE, Outcome.START_INSIDE, Outcome.SWALLOWED}
-    assert set(Outcome) - set(OUTCOMES) == refusals | {Outcome.NOT_GRIPPED, Outcome.LOST_BOX, Outcome.MISPLACED}
+    of_a_box = {Outcome.NOT_GRIPPED, Outcome.LOST_BOX, Outcome.DROPPED, Outcome.MISPLACED}
+    of_arms = {Outcome.HELD, Outcome.OUT_OF_REACH, Outcome.JOINT_LIMIT, Outcome.SINGULAR}
+    assert set(Outcome) - set(OUTCOMES) == refusals | of_a_box | of_arms
 
 
 @pytest.mark.parametrize(
