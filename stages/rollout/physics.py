@@ -128,7 +128,7 @@ def notices(done: Sequence[CarryRollout]) -> Iterator[str]:
 
 
 def apart(pot: Mapping[str, Any], box: Sequence[float]) -> float:
-    """Farthest that the middle of an upright box can be from a pot that it touches, along the clamp axis, metres."""
+    """Farthest that the middle of an upright box can be from that of a pot which it touches, metres, seen along y."""
     return math.hypot(0.5 * (pot["width"] + box[0]), 0.5 * (pot["height"] + box[2]))
 
 

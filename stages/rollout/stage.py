@@ -1,6 +1,6 @@
 """The rollout stage: controllers x conditions x methods of avoidance x starts; or two arms that carry boxes.
 
-Paper eqs. (9)-(23), Figs. 2 to 5.
+Paper eqs. (9)-(23), Figs. 2 to 6.
 """
 
 from __future__ import annotations
