@@ -8,7 +8,6 @@ robot with two arms each is loaded by itself. Not here: the simulation (`bullet.
 from __future__ import annotations
 
 import importlib
-import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from pipeline.errors import ParameterError
 from stages.trajectory import Array, frozen
 from stages.world.chain import Chain
+from stages.world.urdf import child, leading, numbers, turned
 
 PAD = (0.10, 0.10, 0.02)
 """Edges of a pad, metres; the third one along the tool's axis."""
@@ -129,9 +129,9 @@ def arm(name: str, left: bool, location: str) -> Arm:
     robot = DOWNLOADED.get(name) or ROBOTS[name]
     path = _downloaded(name, robot, location) if name in DOWNLOADED else _in_the_wheel(robot)
     root = _with_pad(ET.parse(path).getroot(), robot, robot.flange[0 if left else 1], path.parent)
-    joints = _row(root)
+    joints = row(root)
     turning = [joint for joint in joints if joint.get("type") == "revolute"]
-    limits = [_child(joint, "limit").attrib for joint in turning]
+    limits = [child(joint, "limit").attrib for joint in turning]
     side = 1.0 if left else -1.0
     return Arm(
         description=ET.tostring(root, encoding="unicode"),
@@ -181,13 +181,13 @@ def _with_pad(root: ET.Element, robot: Robot, flange: str, folder: Path) -> ET.E
         # A package's name stands for the folder above that of the description, or for none.
         places = [folder / name, *(parent / name for parent in folder.parents)]
         mesh.set("filename", str(next((place for place in places if place.exists()), places[0])))
-    leading = {_child(joint, "child").get("link", ""): joint for joint in root.iter("joint")}
+    ways = leading(root)
     link, kept = flange, [flange]
-    while link in leading:
-        link = _child(leading[link], "parent").get("link", "")
+    while link in ways:
+        link = child(ways[link], "parent").get("link", "")
         kept.append(link)
     for element in list(root):
-        part = _child(element, "child").get("link") if element.tag == "joint" else element.get("name")
+        part = child(element, "child").get("link") if element.tag == "joint" else element.get("name")
         if element.tag in ("transmission", "gazebo") or (element.tag in ("joint", "link") and part not in kept):
             root.remove(element)
     size = " ".join(map(str, PAD))
@@ -209,13 +209,13 @@ def _with_pad(root: ET.Element, robot: Robot, flange: str, folder: Path) -> ET.E
     return root
 
 
-def _row(root: ET.Element) -> list[ET.Element]:
+def row(root: ET.Element) -> list[ET.Element]:
     """The joints from the base to the pad, in order."""
-    leading = {_child(joint, "child").get("link"): joint for joint in root.iter("joint")}
+    ways = leading(root)
     joints, link = [], PAD_LINK
-    while link in leading:
-        joints.append(leading[link])
-        link = _child(leading[link], "parent").get("link", "")
+    while link in ways:
+        joints.append(ways[link])
+        link = child(ways[link], "parent").get("link", "")
     return joints[::-1]
 
 
@@ -224,32 +224,9 @@ def _chain(joints: list[ET.Element], place: Array) -> Chain:
     axes = [joint.find("axis") for joint in joints]
     return Chain(
         place,
-        np.array([_turned(_numbers(origin, "rpy")) for origin in origins]),
-        np.array([_numbers(origin, "xyz") for origin in origins]),
-        np.array([[0.0, 0.0, 1.0] if axis is None else _numbers(axis, "xyz") for axis in axes]),
+        np.array([turned(numbers(origin, "rpy")) for origin in origins]),
+        np.array([numbers(origin, "xyz") for origin in origins]),
+        np.array([[0.0, 0.0, 1.0] if axis is None else numbers(axis, "xyz") for axis in axes]),
         np.array([joint.get("type") == "revolute" for joint in joints]),
         np.array([0.0, 0.0, PAD[2]]),
-    )
-
-
-def _child(element: ET.Element, tag: str) -> ET.Element:
-    found = element.find(tag)
-    return ET.Element(tag) if found is None else found
-
-
-def _numbers(element: ET.Element | None, name: str) -> list[float]:
-    text = None if element is None else element.get(name)
-    return [0.0, 0.0, 0.0] if text is None else [float(part) for part in text.split()]
-
-
-def _turned(rpy: list[float]) -> Array:
-    """The matrix of roll, pitch and yaw about fixed axes, rad."""
-    cr, cp, cy = (math.cos(angle) for angle in rpy)
-    sr, sp, sy = (math.sin(angle) for angle in rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
     )
