@@ -11,6 +11,7 @@ import errno
 import hashlib
 import importlib.util
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -60,14 +61,14 @@ def _digest(package: str) -> str:
 
 
 def compiled_modules(package: str) -> list[str]:
-    """Names of the modules of a package that speak of numba or of the project's `compiled`."""
+    """Names of the modules of a package that import numba, or the package's own `compiled`."""
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         return []
     base = Path(spec.origin).parent
+    wanted = re.compile(rf"^\s*(?:from|import)\s+(?:numba|{re.escape(package)}\.compiled)\b", re.MULTILINE)
     names = []
     for path in sorted(base.rglob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        if "numba" in text or ".compiled import" in text:
+        if wanted.search(path.read_text(encoding="utf-8")):
             names.append(".".join((package, *path.relative_to(base).with_suffix("").parts)))
     return names

@@ -129,6 +129,18 @@ def test_compiled_modules(jitted):
     assert "stages.mixture.links" in compiled_modules("stages")
 
 
+def test_what_only_speaks_of_numba_is_not_compiled(jitted):
+    """A report that sets the cache up, or a stage that declares the library: editing them compiles nothing again."""
+    before = folder_of()
+    (jitted / "report.py").write_text(
+        "from pipeline.compiled import use_cache_for\nlibraries = ('numba',)\nfrom jitted.compiled_figures import a\n"
+    )
+    assert compiled_modules("jitted") == ["jitted.caller", "jitted.deep.helper"]
+    assert folder_of() == before
+    (jitted / "own.py").write_text("if True:\n    from jitted.compiled import fast\n")
+    assert "jitted.own" in compiled_modules("jitted")
+
+
 def test_the_root_of_the_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("CLPV_CACHE_DIR", str(tmp_path / "own"))
     assert cache_root() == tmp_path / "own"
