@@ -164,10 +164,15 @@ def _write_card(
 
 
 def show_information(console: Console, path: Path, *, recover: bool) -> None:
-    """Show what is in a recording, and the line that ingests it."""
+    """Show what is in a recording, and the lines that show and ingest it; of other files of ours, what opens them."""
     from stages.inspect.bag_info import describe, lines
 
     found = describe(path, recover=recover)
+    if found["what"]:
+        console.result(found["what"])
+    if found["what"] and not found["topics"]:
+        console.document(found)
+        return
     duration = "" if found["duration"] is None else f", {found['duration']:.2f} s"
     console.result(f"{found['file']}: {found['format']}, {found['bytes'] / 1e6:.2f} MB{duration}")
     for sentence in (found["integrity"], found["lost"], *found["notes"]):
@@ -176,6 +181,10 @@ def show_information(console: Console, path: Path, *, recover: bool) -> None:
     console.result("")
     console.table(lines(found))
     console.result("")
+    if found["look"]:
+        console.result("To look at it:")
+        for command in found["look"]:
+            console.result(f"    {command}")
     console.result(found["reason"])
     if found["command"]:
         console.result(f"    {found['command']}")

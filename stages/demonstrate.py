@@ -15,6 +15,7 @@ from pipeline.errors import DataError, ParameterError, UsageError
 from pipeline.experiment import NAME, parse_override
 from pipeline.project import Project
 from pipeline.validation import validate_as
+from pipeline.values import plain
 from stages.artifacts.carry_log import read_master, write_demonstration
 from stages.policy.admittance import admittance_of, check_stability
 from stages.policy.carrying import Clamp, Phase
@@ -158,6 +159,14 @@ class _InRealTime:
         return self._master.sample(time_, seen)
 
 
+def _plain(given: TeleopParameters) -> dict[str, Any]:
+    """Parameters as a recording keeps them; of a file that was replayed its name, not where it lay."""
+    values: dict[str, Any] = plain(given)
+    if "file" in values["master"]:
+        values["master"]["file"] = Path(values["master"]["file"]).name
+    return values
+
+
 def _record(project: Project, given: TeleopParameters, path: Path, seed: int, number: int, window: Any) -> Demonstrated:
     """Record one demonstration into a file. Raises DataError, and writes nothing, where it did not come to its end."""
     generator = np.random.default_rng([seed, number])
@@ -188,7 +197,7 @@ def _record(project: Project, given: TeleopParameters, path: Path, seed: int, nu
         raise DataError(path.name, f"not kept, it ended in phase {done.ended} after {done.time[-1]:.1f} s. {why}")
     part = path.with_suffix(".part")
     try:
-        write_demonstration(part, done, seed, number)
+        write_demonstration(part, done, seed, number, scene.robot, _plain(given))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

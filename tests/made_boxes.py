@@ -161,6 +161,7 @@ def box(
         "force": 5.0,
         "mass": 0.4,
         "friction": 1.0,
+        "centre_of_mass": [0.0, 0.0, 0.0],
         "start": START.tolist(),
         "goal": GOAL.tolist(),
         "box": [0.2, 0.3, 0.2],

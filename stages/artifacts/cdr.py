@@ -30,12 +30,19 @@ class Field:
         code: numpy's code of its type.
         shape: ``()`` for a number, else ``(count,)``.
         offset: of its first byte in the message.
+        part: which part of a row of the array it is; none: all of it.
     """
 
     name: str
     code: str
     shape: tuple[int, ...]
     offset: int
+    part: int | None = None
+
+    @property
+    def key(self) -> str:
+        """What it is called in records of numpy: other than its name, this is its alone."""
+        return str(self.offset)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +58,7 @@ class Layout:
     fields: tuple[Field, ...] = ()
 
     def stamp(self) -> Layout:
-        """With a stamp: the fields ``seconds`` and ``nanoseconds``."""
+        """With a stamp: the fields ``seconds`` and ``nanoseconds``; all stamps of a message are the same."""
         return self._field("seconds", "<i4", 4, ())._field("nanoseconds", "<u4", 4, ())
 
     def text(self, value: str) -> Layout:
@@ -70,13 +77,9 @@ class Layout:
         """With an unsigned 32-bit number that is the same in all messages."""
         return self._aligned(COUNT.size)._bytes(COUNT.pack(number))
 
-    def number(self, name: str) -> Layout:
-        """With a field that is one 64-bit float."""
-        return self._field(name, "<f8", 8, ())
-
-    def numbers(self, name: str, count: int) -> Layout:
-        """With a field of `count` 64-bit floats, one or more."""
-        return self._field(name, "<f8", 8, (count,))
+    def numbers(self, name: str, count: int, part: int | None = None) -> Layout:
+        """With a field of `count` 64-bit floats, one or more; `part`: which of several in a row of the array."""
+        return self._field(name, "<f8", 8, (count,), part)
 
     def truth(self, name: str) -> Layout:
         """With a field that is true or false."""
@@ -87,7 +90,7 @@ class Layout:
         """One message as a record of numpy."""
         return np.dtype(
             {
-                "names": [field.name for field in self.fields],
+                "names": [field.key for field in self.fields],
                 "formats": [(field.code, field.shape) for field in self.fields],
                 "offsets": [field.offset for field in self.fields],
                 "itemsize": len(self.template),
@@ -95,17 +98,17 @@ class Layout:
         )
 
     def encode(self, rows: int, values: Mapping[str, NDArray[Any]]) -> list[bytes]:
-        """Messages; `values` maps the names of all fields to arrays, shape (rows,) or (rows, count)."""
+        """Messages; `values` maps the names of all fields to arrays, shape (rows, [parts,] [count])."""
         size = len(self.template)
         content = bytearray(self.template * rows)
         records = np.ndarray(rows, self.dtype, content)
         for field in self.fields:
-            records[field.name] = values[field.name]
+            records[field.key] = values[field.name] if field.part is None else values[field.name][:, field.part]
         whole = bytes(content)
         return [whole[start : start + size] for start in range(0, rows * size, size)]
 
     def decode(self, messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
-        """The fields' arrays, shape (n,) or (n, count), of n messages.
+        """The fields' arrays, shape (n,), (n, count) or (n, parts, count), of n messages.
 
         Raises ValueError, with the message's number from 1, where one is not of this layout.
         """
@@ -119,15 +122,22 @@ class Layout:
         same = np.frombuffer(self.template, np.uint8)
         constant = np.ones(size, dtype=np.bool_)
         for field in self.fields:
-            constant[field.offset : field.offset + self.dtype[field.name].itemsize] = False
+            constant[field.offset : field.offset + self.dtype[field.key].itemsize] = False
         differs = (raw[:, constant] != same[constant]).any(axis=1)
         if differs.any():
             raise ValueError(f"message {int(np.argmax(differs)) + 1} is not laid out as the others")
-        return {field.name: np.ascontiguousarray(records[field.name]) for field in self.fields}
+        parts: dict[str, list[NDArray[Any]]] = {}
+        whole: dict[str, NDArray[Any]] = {}
+        for field in self.fields:
+            if field.part is None:
+                whole[field.name] = np.ascontiguousarray(records[field.key])
+            else:
+                parts.setdefault(field.name, []).append(records[field.key])
+        return {**whole, **{name: np.stack(columns, axis=1) for name, columns in parts.items()}}
 
-    def _field(self, name: str, code: str, size: int, shape: tuple[int, ...]) -> Layout:
+    def _field(self, name: str, code: str, size: int, shape: tuple[int, ...], part: int | None = None) -> Layout:
         aligned = self._aligned(size)
-        field = Field(name=name, code=code, shape=shape, offset=len(aligned.template))
+        field = Field(name=name, code=code, shape=shape, offset=len(aligned.template), part=part)
         count = shape[0] if shape else 1
         return Layout(template=aligned.template + bytes(size * count), fields=(*aligned.fields, field))
 

@@ -1,7 +1,6 @@
-"""What a log (`log.py`) can hold: columns of arrays on a clock, each of them messages of one ROS 2 type on one topic.
+"""The kinds of columns that a log (`log.py`) can hold, one for each ROS 2 type of messages: the table `CHANNELS`.
 
-Time counts in seconds from the start of the roll-out and is kept in whole nanoseconds; lengths are in metres, angles in
-radians. No files here: arrays in, encoded messages out, and back.
+Lengths are in metres, angles in radians. No files here: arrays in, encoded messages out, and back.
 """
 
 from __future__ import annotations
@@ -14,87 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.artifacts.cdr import Layout, decode_texts, encode_texts
+from stages.artifacts.channel import SECOND, Channel, Nanoseconds, Shapes, nanoseconds
 from stages.trajectory import Array, frozen
-
-SECOND = 1_000_000_000
-"""Nanoseconds in a second."""
-
-LATEST = 2**31 - 1
-"""Seconds that the stamp of a ROS 2 message can count."""
-
-Nanoseconds = NDArray[np.int64]
-Shapes = Mapping[str, tuple[int, ...]]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Channel:
-    """A column of a log; its kinds are in the table `CHANNELS`.
-
-    Attributes:
-        topic: name of the topic, e.g. ``/left/pose``.
-        time: array, shape (n,), seconds from the start: not negative, never going back.
-    """
-
-    topic: str
-    time: Array
-
-    message: ClassVar[str]
-    """The ROS 2 type of its messages."""
-    arrays: ClassVar[Shapes] = {"values": ()}
-    """Names of its arrays beside the time, and the shape of a row of each."""
-
-    def __post_init__(self) -> None:
-        for name in ("time", *self.shapes()):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
-    def shapes(self) -> Shapes:
-        """As `arrays`, of those that this column has."""
-        return self.arrays
-
-    def shared(self) -> dict[str, Any]:
-        """Plain values, the same for all its messages; by them `decode` knows the layout also where there are none."""
-        return {}
-
-    @classmethod
-    def layout(cls, shared: Mapping[str, Any]) -> Layout:
-        """How its messages are laid out; the fields are called as the arrays."""
-        raise NotImplementedError
-
-    def problem(self) -> str:
-        """Why it cannot be written, one sentence that counts rows from 1; empty where it can."""
-        time = self.time
-        if time.ndim != 1:
-            return f"its time has shape {time.shape}; it must be one number a row."
-        for name, of_row in self.shapes().items():
-            shape, needed = np.shape(getattr(self, name)), (time.size, *of_row)
-            if shape != needed:
-                return f"its {name} has shape {shape} where its {time.size} times ask for {needed}."
-        if not np.isfinite(time).all():
-            return f"its time is not a finite number in row {int(np.argmin(np.isfinite(time))) + 1}."
-        back = np.diff(time) < 0.0
-        if back.any():
-            row = int(np.argmax(back))
-            return f"its time goes back from {time[row]:.9g} s to {time[row + 1]:.9g} s in row {row + 2}."
-        if time.size and not 0.0 <= time[0] <= time[-1] < LATEST:
-            return f"its time runs from {time[0]:.9g} s to {time[-1]:.9g} s; it counts from 0 s, up to {LATEST} s."
-        return ""
-
-    def encode(self) -> tuple[Nanoseconds, list[bytes]]:
-        """Times of its messages, array, shape (m,), nanoseconds, and the messages."""
-        time = nanoseconds(self.time)
-        stamp = {"seconds": time // SECOND, "nanoseconds": time % SECOND}
-        arrays = {name: getattr(self, name) for name in self.shapes()}
-        return time, self.layout(self.shared()).encode(time.size, {**stamp, **arrays})
-
-    @classmethod
-    def decode(cls, topic: str, shared: Mapping[str, Any], time: Nanoseconds, messages: Sequence[bytes]) -> Self:
-        """The column of n messages; `time`: array, shape (n,), nanoseconds.
-
-        Raises KeyError where `shared` lacks something, ValueError where a message is not laid out as it says.
-        """
-        values = {**shared, **cls.layout(shared).decode(messages)}
-        own = {name: value for name, value in values.items() if name in cls.__dataclass_fields__}
-        return cls(topic=topic, time=time / SECOND, **own)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,17 +73,50 @@ class Wrenches(Framed):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Points(Framed):
-    """Positions of a point, geometry_msgs/msg/PointStamped.
+class Transforms(Channel):
+    """Where k frames are in those that they hang on, one or more, tf2_msgs/msg/TFMessage.
 
     Attributes:
-        position: array, shape (n, 3), metres.
+        parents, children: names of the frames, k each: what hangs on a parent is a child.
+        position: array, shape (n, k, 3), metres, of each child in its parent.
+        quaternion: array, shape (n, k, 4), x y z w.
     """
 
+    parents: tuple[str, ...]
+    children: tuple[str, ...]
     position: Array
+    quaternion: Array
 
-    message: ClassVar[str] = "geometry_msgs/msg/PointStamped"
-    arrays: ClassVar[Shapes] = {"position": (3,)}
+    message: ClassVar[str] = "tf2_msgs/msg/TFMessage"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parents", tuple(self.parents))
+        object.__setattr__(self, "children", tuple(self.children))
+        super().__post_init__()
+
+    def shapes(self) -> Shapes:
+        """Of both arrays."""
+        return {"position": (len(self.children), 3), "quaternion": (len(self.children), 4)}
+
+    def shared(self) -> dict[str, Any]:
+        """Names of the frames."""
+        return {"parents": list(self.parents), "children": list(self.children)}
+
+    def problem(self) -> str:
+        """Why it cannot be written, one sentence that counts rows from 1; empty where it can."""
+        if not self.children or len(self.parents) != len(self.children):
+            return f"it names {len(self.parents)} parents for {len(self.children)} frames."
+        return super().problem()
+
+    @classmethod
+    def layout(cls, shared: Mapping[str, Any]) -> Layout:
+        """The number of transforms, and of each a header, the child's name, and the numbers."""
+        pairs = list(zip(shared["parents"], shared["children"], strict=True))
+        layout = Layout().count(len(pairs))
+        for part, (parent, child) in enumerate(pairs):
+            layout = layout.stamp().text(parent).text(child)
+            layout = layout.numbers("position", 3, part).numbers("quaternion", 4, part)
+        return layout
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,26 +167,42 @@ class JointStates(Channel):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Numbers(Channel):
-    """A number, std_msgs/msg/Float64.
+    """Numbers that have names, k of them, one or more, std_msgs/msg/Float64MultiArray: what every viewer plots.
 
     Attributes:
-        unit: SI unit of the number; "": it has none.
-        values: array, shape (n,).
+        names: of the numbers.
+        unit: SI unit of all of them; "": they have none.
+        values: array, shape (n, k).
     """
 
+    names: tuple[str, ...]
     unit: str = ""
     values: Array
 
-    message: ClassVar[str] = "std_msgs/msg/Float64"
+    message: ClassVar[str] = "std_msgs/msg/Float64MultiArray"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        super().__post_init__()
+
+    def shapes(self) -> Shapes:
+        """Of `values`."""
+        return {"values": (len(self.names),)}
 
     def shared(self) -> dict[str, Any]:
-        """The unit, which the messages themselves do not say."""
-        return {"unit": self.unit}
+        """Names and unit; the messages themselves say the names only."""
+        return {"names": list(self.names), "unit": self.unit}
+
+    def problem(self) -> str:
+        """Why it cannot be written, one sentence that counts rows from 1; empty where it can."""
+        return super().problem() if self.names else "it names no numbers."
 
     @classmethod
     def layout(cls, shared: Mapping[str, Any]) -> Layout:
-        """The number."""
-        return Layout().number("values")
+        """One dimension, its label the names, its size and its stride; no offset; the numbers."""
+        names = shared["names"]
+        layout = Layout().count(1).text(", ".join(names)).count(len(names)).count(len(names)).count(0)
+        return layout.count(len(names)).numbers("values", len(names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -288,11 +257,6 @@ class Words(Channel):
 
 
 CHANNELS: Mapping[str, type[Channel]] = {
-    kind.message: kind for kind in (Poses, Wrenches, Points, JointStates, Numbers, Flags, Words)
+    kind.message: kind for kind in (Transforms, Poses, Wrenches, JointStates, Numbers, Flags, Words)
 }
 """What is read of each type of messages."""
-
-
-def nanoseconds(time: Array) -> Nanoseconds:
-    """Times, array, shape (n,), of seconds, to the nearest nanosecond."""
-    return np.rint(time * SECOND).astype(np.int64)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ import numpy as np
 
 from pipeline.errors import DataError, choices
 from pipeline.values import canonical
-from stages.artifacts.channels import CHANNELS, Channel, Nanoseconds
+from stages.artifacts.channel import Channel, Nanoseconds
+from stages.artifacts.channels import CHANNELS
 
 KEY = "clpv"
 """Name of the metadata record, of what the messages of a channel share, and of the writer."""
@@ -27,15 +29,36 @@ KEY = "clpv"
 CHUNK = 2**18
 """Bytes of a chunk before compression, about a second of a roll-out: what is lost where one is damaged."""
 
-NO_QOS = {"offered_qos_profiles": ""}
-"""The profile ``ros2`` requires the name; empty: `ros2 bag play` offers its defaults."""
+QOS = "offered_qos_profiles"
+"""Of the metadata of a channel, which the profile ``ros2`` requires; empty: `ros2 bag play` offers its defaults."""
+
+FOREVER = "{sec: 9223372036, nsec: 854775807}"
+
+LATCHED = f"""- history: 1
+  depth: 10
+  reliability: 1
+  durability: 1
+  deadline: {FOREVER}
+  lifespan: {FOREVER}
+  liveliness: 1
+  liveliness_lease_duration: {FOREVER}
+  avoid_ros_namespace_conventions: false
+"""
+"""Keep last, reliable, transient local, automatic, as numbers: Humble reads nothing else; Jazzy and later, which write
+words, look at the first one and read both (`convert<rclcpp::QoS>::decode` of rosbag2_storage)."""
+
+PARAMETERS = "parameters.json"
+"""Name of the attachment that holds the parameters."""
 
 
-def write_log(path: Path, channels: Sequence[Channel], details: Mapping[str, Any]) -> None:
+def write_log(
+    path: Path, channels: Sequence[Channel], details: Mapping[str, Any], parameters: Mapping[str, Any] | None = None
+) -> None:
     """Write channels as one file, their messages in order of time, those of one time in the order of the channels.
 
     Arguments:
-        details: plain values by name: parameters of the roll-out. Each is kept as JSON.
+        details: plain values by name: what this roll-out was. Each is kept as JSON.
+        parameters: plain values: with what it was made; an attachment. None: there is none.
 
     Raises DataError, naming the file and the topic, where a channel cannot be written or two have one topic.
     """
@@ -49,11 +72,14 @@ def write_log(path: Path, channels: Sequence[Channel], details: Mapping[str, Any
         )
         writer.start("ros2", KEY)
         writer.add_metadata(KEY, {name: canonical(details[name]) for name in sorted(details)})
+        if parameters is not None:
+            content = canonical(parameters).encode()
+            writer.add_attachment(0, 0, PARAMETERS, "application/json", content)
         names = dict.fromkeys(channel.message for channel in channels)
         schemas = {name: writer.register_schema(name, "ros2msg", definitions()[name]) for name in names}
         keys = []
         for channel in channels:
-            shared = {KEY: canonical(channel.shared()), **NO_QOS}
+            shared = {KEY: canonical(channel.shared()), QOS: LATCHED if channel.latched else ""}
             keys.append(writer.register_channel(channel.topic, "cdr", schemas[channel.message], shared))
         for index, time, message in _merged(encoded):
             writer.add_message(keys[index], time, message, time)
@@ -92,18 +118,42 @@ def read_log(path: Path) -> dict[str, Channel]:
 
 def read_details(path: Path) -> dict[str, Any]:
     """What a log says beside its messages; raises DataError where it is no log of clpv, or is damaged."""
-    from mcap.records import DataEnd, Metadata
+    return _beside(path)[0]
 
-    found = None
+
+def read_parameters(path: Path) -> dict[str, Any] | None:
+    """The parameters with which a log was made; none: it holds none. Raises DataError as `read_details`."""
+    return _beside(path)[1]
+
+
+def library(path: Path) -> str:
+    """What wrote an MCAP file, as it says in its beginning; empty where it says nothing, or is no MCAP file."""
+    from mcap.records import Header
+
+    try:
+        with _records(path) as records:
+            first = next(records)
+            return str(first.library) if isinstance(first, Header) else ""
+    except DataError:
+        return ""
+
+
+def _beside(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Details and parameters."""
+    from mcap.records import Attachment, DataEnd, Metadata
+
+    details, parameters = None, None
     with _records(path, emit_chunks=True) as records:
         for record in records:
             if isinstance(record, Metadata) and record.name == KEY:
-                found = {name: json.loads(text) for name, text in record.metadata.items()}
+                details = {name: json.loads(text) for name, text in record.metadata.items()}
+            elif isinstance(record, Attachment) and record.name == PARAMETERS:
+                parameters = json.loads(record.data)
             elif isinstance(record, DataEnd):
                 break  # it holds the checksum of all before it
-    if found is None:
+    if details is None:
         raise DataError(path.name, "was not written by clpv; `clpv info` describes recordings of others.")
-    return found
+    return details, parameters
 
 
 @lru_cache(maxsize=1)
@@ -143,7 +193,8 @@ def _decoded(path: Path, registered: Any, message: str, times: list[int], messag
         raise DataError(source, "was not written by clpv; `clpv info` describes recordings of others.")
     try:
         shared = json.loads(registered.metadata[KEY])
-        return CHANNELS[message].decode(registered.topic, shared, np.array(times, dtype=np.int64), messages)
+        channel = CHANNELS[message].decode(registered.topic, shared, np.array(times, dtype=np.int64), messages)
+        return replace(channel, latched=bool(registered.metadata.get(QOS)))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DataError(source, f"is damaged ({_said(error)}): run the stage again.") from error
 

@@ -76,6 +76,7 @@ class RecordedCarry:
 
     Attributes:
         phase: array of text, shape (n,): what the arms were at.
+        joints: array, shape (n, 2, m), rad: of the left and the right arm.
         pads: array, shape (n, 2, 3), metres: middles of the pads' faces, left and right.
         box, turn: arrays, shapes (n, 3), metres, and (n, 4): centre of the box and its quaternion x y z w.
         force, contact: arrays, shape (n, 2), newtons: pressing forces as measured and filtered, and as they truly were.
@@ -89,6 +90,7 @@ class RecordedCarry:
     """
 
     phase: NDArray[Any]
+    joints: Array
     pads: Array
     box: Array
     turn: Array
@@ -101,6 +103,11 @@ class RecordedCarry:
     box_room: Array
     arm_room: Array
     facts: Mapping[str, Any]
+
+    def led(self, time: Array) -> Array:
+        """For how long the box had been led on its way, which is when pots that move do so; arrays, shape (n,), s."""
+        leading = self.phase[:-1] == str(Phase.CARRY)
+        return np.concatenate([[0.0], np.cumsum(np.diff(time) * leading)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -262,6 +269,7 @@ def _carry(columns: Mapping[str, Any], part: slice, facts: Mapping[str, Any]) ->
     pads = [stacked(*(f"{side}_{axis}" for axis in "xyz")) for side in SIDES]
     return RecordedCarry(
         phase=columns["phase"][part],
+        joints=frozen(np.stack([np.stack(columns[f"{side}_q"][part]) for side in SIDES], axis=1)),
         pads=frozen(np.stack(pads, axis=1)),
         box=stacked(*(f"box_{axis}" for axis in "xyz")),
         turn=stacked(*(f"box_q{axis}" for axis in "xyzw")),

@@ -15,7 +15,7 @@ from stages.figures.numbers import MM
 from stages.figures.pots_cases import Round
 from stages.figures.style import colour, drawing, limits, panel_width, svg
 from stages.trajectory import Array
-from stages.world.bullet import POT_PROFILE
+from stages.world.pots import POT_PROFILE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

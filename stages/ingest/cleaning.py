@@ -92,7 +92,7 @@ def clean(track: Track, clock: str, source: str, parameters: RecordingParameters
     total = time.shape[0]
     report.count("messages", total)
 
-    kept = time != 0 if clock == "header" else np.ones(total, dtype=np.bool_)
+    kept = track.stamped if clock == "header" else np.ones(total, dtype=np.bool_)
     report.count("zero_stamps", int((~kept).sum()))
     finite = (np.abs(position) < ABSURD).all(axis=1)  # nan is not
     report.count("not_finite", int((kept & ~finite).sum()))
@@ -104,7 +104,7 @@ def clean(track: Track, clock: str, source: str, parameters: RecordingParameters
             f"{total - int((kept & finite).sum())} of {total} samples have a position that is not a finite number or a "
             "stamp of zero: select another topic or field, or repair the recording.",
         )
-    kept &= finite
+    kept = kept & finite
     time, position = time[kept], position[kept]
     quaternion = None if quaternion is None else quaternion[kept]
 

@@ -62,7 +62,7 @@ def choose_clock(tracks: Mapping[str, Track], clock: str, source: str, report: R
             )
     if any(problems.values()):
         return "log"
-    stamps = [track.stamp[track.stamp != 0] for track in tracks.values() if track.stamp is not None]
+    stamps = [track.stamp[track.stamped] for track in tracks.values() if track.stamp is not None]
     if not _overlap(stamps) and _overlap([track.log_time for track in tracks.values()]):
         report.notes.append(
             f"{source}: the header stamps of the arms have no time in common; the times at which messages were "
@@ -85,13 +85,13 @@ def clock_skew(tracks: Mapping[str, Track]) -> int:
 
     The difference of the medians of log time minus stamp: one clock and the same transport give nearly none.
     """
-    stamped = [(t.log_time, t.stamp) for t in tracks.values() if t.stamp is not None and (t.stamp != 0).any()]
+    stamped = [(t.log_time, t.stamp, t.stamped) for t in tracks.values() if t.stamp is not None and t.stamped.any()]
     if len(stamped) < 2:
         return 0
-    begin, end = max(log.min() for log, _ in stamped), min(log.max() for log, _ in stamped)
+    begin, end = max(log.min() for log, _, _ in stamped), min(log.max() for log, _, _ in stamped)
     delays = []
-    for log, stamp in stamped:
-        common = (log >= begin) & (log <= end) & (stamp != 0)
+    for log, stamp, kept in stamped:
+        common = (log >= begin) & (log <= end) & kept
         if not common.any():
             return 0
         delays.append(int(np.median((log - stamp)[common])))
@@ -107,7 +107,7 @@ def header_problem(track: Track) -> str:
     stamp = track.stamp
     if stamp is None:
         return "messages have no header stamps"
-    zero = stamp == 0
+    zero = ~track.stamped
     if zero.mean() > ZEROS:
         return f"{int(zero.sum())} of {stamp.size} header stamps are zero"
     stamp, log = stamp[~zero], track.log_time[~zero]

@@ -227,7 +227,7 @@ def _aside(track: Track, clock: str, reference: Track, origin: int) -> tuple[Arr
     elif track.stamp is not None and not header_problem(track):
         seconds = _seconds(track.stamp, origin)
     else:
-        kept = reference.stamp != 0
+        kept = reference.stamped
         log, stamp = reference.log_time[kept], reference.stamp[kept]
         order = np.argsort(log, kind="stable")
         begin = int(log[order[0]])

@@ -17,11 +17,30 @@ from stages.ingest.readers.formats import open_recording
 from stages.ingest.recording import Nanoseconds, Topic
 from stages.inspect.candidates import Candidate, Joints, best, find
 from stages.inspect.clock_health import disorder, health, rate
+from stages.inspect.own_files import Known, recognise
 
 NANOSECONDS = 1e9
 
 FAR = 20.0
 """Metres that no arm's hand moves: the unit may be millimetres."""
+
+NOTHING: Mapping[str, Any] = {
+    "messages": 0,
+    "episodes": 0,
+    "start": None,
+    "duration": None,
+    "protected": False,
+    "integrity": "",
+    "lost": "",
+    "topics": [],
+    "command": "",
+    "reason": "",
+    "notes": [],
+}
+"""Of what is no recording."""
+
+MOST = 8
+"""Candidates of a topic that are shown."""
 
 LATE = 0.2
 """Seconds between stamp and log that are worth a word."""
@@ -30,12 +49,17 @@ LATE = 0.2
 def describe(path: Path, recover: bool = False) -> dict[str, Any]:
     """What a recording holds: plain values.
 
-    Keys: ``file``, ``format``, ``bytes``, ``messages``, ``episodes``, ``start`` (ns), ``duration`` (s), ``protected``,
-    ``integrity``, ``lost``, ``topics`` (a list, see `_topic`), ``command`` (the line to copy, or empty), ``reason``
-    (why that line, or why none) and ``notes`` (a list of sentences).
+    Keys: ``file``, ``format``, ``bytes``, ``written_by`` (``clpv``, ``rerun`` or empty), ``what`` (a sentence that says
+    what it is, or empty), ``details`` (what a log of clpv says beside its messages), ``look`` (commands that show
+    it), ``messages``, ``episodes``, ``start`` (ns), ``duration`` (s), ``protected``, ``integrity``, ``lost``,
+    ``topics`` (a list, see `_topic`), ``command`` (the line to copy, or empty), ``reason`` (why that line, or why none)
+    and ``notes`` (a list of sentences). Of what is known and no recording the latter are empty.
 
     Raises DataError where the recording cannot be opened or is damaged.
     """
+    known = recognise(path)
+    if known is not None and not known.recording:
+        return {**_about(path, known.format, known), **NOTHING}
     with open_recording(path, recover=recover) as recording:
         topics = recording.topics()
         clocks = recording.clocks()
@@ -52,9 +76,7 @@ def describe(path: Path, recover: bool = False) -> dict[str, Any]:
         start = min((first for first, _ in spans), default=None)
         end = max((last for _, last in spans), default=None)
         return {
-            "file": path.name,
-            "format": recording.format,
-            "bytes": size_of(path),
+            **_about(path, recording.format, known),
             "messages": sum(topic.count for topic in topics),
             "episodes": episodes,
             "start": start,
@@ -67,6 +89,19 @@ def describe(path: Path, recover: bool = False) -> dict[str, Any]:
             "reason": reason,
             "notes": _notes(described, candidates),
         }
+
+
+def _about(path: Path, form: str, known: Known | None) -> dict[str, Any]:
+    """What kind of file it is."""
+    return {
+        "file": path.name,
+        "format": form,
+        "bytes": size_of(path),
+        "written_by": "" if known is None else known.writer,
+        "what": "" if known is None else known.what,
+        "details": {} if known is None else dict(known.details),
+        "look": [] if known is None else list(known.look),
+    }
 
 
 def lines(description: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -114,9 +149,16 @@ def _topic(
             "opposite": disorder(log, stamp),
         },
         "fields": list(topic.fields),
-        "looks_like": [_words(candidate) for candidate in candidates if candidate.topic == topic.name][:8],
+        "looks_like": _looks([candidate for candidate in candidates if candidate.topic == topic.name]),
         "problem": topic.problem,
     }
+
+
+def _looks(candidates: Sequence[Candidate]) -> list[str]:
+    """What the numbers of a topic may be; of frames, those that move in their parents, and how many do not."""
+    rigid = [one for one in candidates if "->" in one.text and not one.moves]
+    words = [_words(one) for one in candidates if one not in rigid][:MOST]
+    return [*words, f"{len(rigid)} frames that never move in their parents"] if rigid else words
 
 
 def _words(candidate: Candidate) -> str:

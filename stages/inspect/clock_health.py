@@ -27,7 +27,8 @@ def health(log: Nanoseconds, stamp: Nanoseconds | None, resets: int = 0) -> Cloc
     forward = steps[steps > 0]
     gaps = forward[forward > GAP * _beat(forward)]
     return ClockHealth(
-        zero=0 if stamp is None else int(np.count_nonzero(stamp == 0)),
+        # Where the log itself begins at 0, a stamp of 0 is a time; elsewhere nobody has set it.
+        zero=0 if stamp is None else int(np.count_nonzero((stamp == 0) & (log != 0))),
         backward=max(int(np.count_nonzero(steps < 0)) - resets, 0),
         duplicate=int(np.count_nonzero(steps == 0)),
         gaps=int(gaps.size),

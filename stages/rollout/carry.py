@@ -24,9 +24,10 @@ from stages.rollout.carry_guard import Guard, outcome_of
 from stages.rollout.carry_way import Moves, PolicyWay
 from stages.trajectory import Array, frozen
 from stages.world.arm_pushes import ArmPush, ArmPushes
-from stages.world.bullet import STEP, Hands, Pot, World
+from stages.world.bullet import STEP, Hands, World
 from stages.world.following import Follower
 from stages.world.parameters import Scene
+from stages.world.pots import Pot
 
 AFTER = 0.8
 """Seconds that are recorded on after the arms have stopped: a box that is lost falls, or hangs on."""
@@ -155,14 +156,14 @@ class Watch:
             away = np.linalg.norm(world.box_pose()[0] - centres, axis=1) - self._radii
             self._clear = min(self._clear, float(away.min()))
         if self._pots:
-            box, arms = world.hits_pots()
+            box, arms = world.pots.touched()
             self.box_contacts += box
             self.arm_contacts += arms
 
     def take(self, world: World) -> tuple[float, float, float]:
         """Clearance since the last time, and room of the box and of the arms now, metres; inf: there is nothing."""
         clear, self._clear = self._clear, math.inf
-        return (clear, *(world.room() if self._pots else (math.inf, math.inf)))
+        return (clear, *(world.pots.room() if self._pots else (math.inf, math.inf)))
 
 
 class Recorder:
@@ -274,7 +275,7 @@ def carry(task: CarryTask, generator: np.random.Generator) -> Carried:
                 if sampled:
                     recorder.follow(way, carrier, pushes.acting)
             if moves.moving:
-                world.move_pots(moves.centres)
+                world.pots.move(moves.centres)
                 follower.shun(moves.centres, reaches)
             world.drive(follower.q, follower.qdot, follower.torque, steps, force)
             follower.advance()

@@ -21,9 +21,10 @@ from stages.rollout.carry_way import plan
 from stages.rollout.parameters import Flowerpot
 from stages.trajectory import Array
 from stages.world.boxes import pads_beside
-from stages.world.bullet import Pot, World
+from stages.world.bullet import World
 from stages.world.following import Follower
 from stages.world.parameters import Scene
+from stages.world.pots import Pot
 
 MOST_DRAWS = 200
 """Of scenes, until one is given up."""
@@ -181,7 +182,7 @@ def unreachable(box: Scene, way: Array, dt: float, pots: Sequence[Pot] = (), obs
                 return f"the {side} arm cannot follow the policy's way round at [{place}] m."
             if cycle in looks:
                 world.pose(follower.q)
-                world.move_pots(centres + cycle * dt * velocities)
-                if world.room()[1] <= 0.0:
+                world.pots.move(centres + cycle * dt * velocities)
+                if world.pots.room()[1] <= 0.0:
                     return f"an arm would touch the pot on the policy's way round, at [{place}] m."
     return ""

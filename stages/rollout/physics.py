@@ -29,7 +29,7 @@ from stages.rollout.scenes import Scene as Obstructed
 from stages.trajectory import Trajectory, frozen
 from stages.world.arm_pushes import ArmPush
 from stages.world.boxes import grip_ratio, varied
-from stages.world.bullet import Pot
+from stages.world.pots import Pot
 
 Draw = Callable[..., np.random.Generator]
 

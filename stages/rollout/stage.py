@@ -46,11 +46,13 @@ def run(context: StageContext) -> None:
     }
     write_rollouts(context.outputs["rollouts"], done.rollouts, done.scenes, midpoints.goal, details)
     if "logs" in context.outputs:
+        from pipeline.values import plain
         from stages.artifacts.carry_log import write_carry_log
 
         context.outputs["logs"].mkdir()
         for rollout in done.rollouts if parameters.logs else ():
-            write_carry_log(context.outputs["logs"] / f"{rollout.rollout.replace('/', '_')}.mcap", rollout)
+            path = context.outputs["logs"] / f"{rollout.rollout.replace('/', '_')}.mcap"
+            write_carry_log(path, rollout, parameters.scene.robot, plain(parameters))
 
 
 def headline(outputs: Mapping[str, Path]) -> Mapping[str, float]:
@@ -96,4 +98,5 @@ STAGE = Stage(
     kind_libraries={"bullet": ("pybullet",)},
     headline=headline,
     warm="stages.warm:rollout",
+    plots="stages.figures.terminal_rollouts:rollout",
 )

@@ -66,6 +66,7 @@ class Demonstrated:
     Attributes:
         time: array, shape (n,), seconds.
         phase: array of int, shape (n,): an index into `tuple(Phase)`.
+        joints: array, shape (n, 2, m), rad, as measured.
         pads: array, shape (n, 2, 3), metres, as measured.
         force: array, shape (n, 2), newtons: pressing forces, as measured.
         box, turn: arrays, shapes (n, 3), metres, and (n, 4), quaternion x y z w.
@@ -78,6 +79,7 @@ class Demonstrated:
 
     time: Array
     phase: NDArray[np.int8]
+    joints: Array
     pads: Array
     force: Array
     box: Array
@@ -128,6 +130,7 @@ def demonstrate(
                 (
                     cycle * dt,
                     phases.index(carrier.phase),
+                    hands.q,
                     hands.pads,
                     hands.force,
                     box,
@@ -143,12 +146,13 @@ def demonstrate(
         follower.follow(carrier.pads, carrier.velocities, hands.load)
         world.drive(follower.q, follower.qdot, follower.torque, steps)
         follower.advance()
-    time, phase, pads, pressed, box, turn, position, handle, clutch = (
+    time, phase, joints, pads, pressed, box, turn, position, handle, clutch = (
         np.array(column) for column in zip(*rows, strict=True)
     )
     return Demonstrated(
         time=frozen(time),
         phase=phase.astype(np.int8),
+        joints=frozen(joints),
         pads=frozen(pads),
         force=frozen(pressed),
         box=frozen(box),

@@ -24,6 +24,7 @@ from stages.trajectory import Array
 from stages.world.chain import forward, reach
 from stages.world.engine import bullet
 from stages.world.parameters import Scene
+from stages.world.pots import Pot, Pots
 from stages.world.robots import PAD_MASS, Arm, arm
 
 STEP = 1e-3
@@ -46,45 +47,6 @@ RUNAWAY = 10.0
 
 ACCURACY = 1e-6
 """Metres and rad within which a pose counts as reached."""
-
-
-FAR = 0.5
-"""Metres beyond which nobody asks how far something is from a pot."""
-
-ROD, LEAST_FOOT = 0.015, 0.01
-"""Radius of the rod that a pot stands on, and its least height, metres."""
-
-POT_PROFILE = ((0.0, 0.60), (0.35, 0.80), (0.40, 1.0), (0.75, 0.85), (1.0, 0.30))
-"""Of a pot with its plant: heights from its foot, and radii there, as shares of its height and of half its width."""
-
-POT_SIDES = 16
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pot:
-    """A flowerpot that is in the way.
-
-    Attributes:
-        centre: its middle at the start, metres.
-        height, width: with its plant, metres.
-    """
-
-    centre: tuple[float, float, float]
-    height: float
-    width: float
-
-    @property
-    def reach(self) -> float:
-        """Radius of the ball about its middle that holds it, metres."""
-        return 0.5 * math.hypot(self.height, self.width)
-
-
-def lathe(pot: Pot) -> Array:
-    """Corners of a flowerpot about its middle, array, shape (n, 3), metres: rings from its foot to its top."""
-    angles = np.linspace(0.0, 2.0 * math.pi, POT_SIDES, endpoint=False)
-    round_ = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(POT_SIDES)])
-    up = np.array([0.0, 0.0, 1.0])
-    return np.vstack([(0.5 * pot.width * r) * round_ + ((h - 0.5) * pot.height) * up for h, r in POT_PROFILE])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,7 +91,7 @@ class World:
         )
         self.turns = [_facing(one, side) for one, side in zip(self.arms, (1.0, -1.0), strict=True)]
         self._bullet = bullet()
-        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self.client = self._bullet.connect(self._bullet.DIRECT)
         try:
             self._build()
         except BaseException:
@@ -148,12 +110,12 @@ class World:
 
     def close(self) -> None:
         """Leave the simulator."""
-        if self._client >= 0:
-            self._bullet.disconnect(self._client)
-            self._client = -1
+        if self.client >= 0:
+            self._bullet.disconnect(self.client)
+            self.client = -1
 
     def _build(self) -> None:
-        engine, client, scene = self._bullet, self._client, self.scene
+        engine, client, scene = self._bullet, self.client, self.scene
         engine.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
         engine.setPhysicsEngineParameter(
             fixedTimeStep=STEP,
@@ -163,25 +125,15 @@ class World:
         )
         self.bodies = [self._load(one) for one in self.arms]
         self.joints = [list(one.turning) for one in self.arms]
-        self._supports = [self._support(name, getattr(scene, name)) for name in ("start", "goal")]
+        self.supports = [self._support(name, getattr(scene, name)) for name in ("start", "goal")]
         self.box = self._body(scene.mass, scene.box, scene.start, scene.centre_of_mass)
         engine.changeDynamics(
             self.box, -1, lateralFriction=scene.friction, linearDamping=0.0, angularDamping=0.0, physicsClientId=client
         )
-        self._standing = [self._pot(pot) for pot in self._pots]
-
-    def _pot(self, pot: Pot) -> tuple[int, int]:
-        """A flowerpot, and the rod that it stands on."""
-        engine, client = self._bullet, self._client
-        shape = engine.createCollisionShape(engine.GEOM_MESH, vertices=lathe(pot).tolist(), physicsClientId=client)
-        body = int(engine.createMultiBody(0.0, shape, -1, pot.centre, physicsClientId=client))
-        foot = max(pot.centre[2] - 0.5 * pot.height, LEAST_FOOT)
-        rod = engine.createCollisionShape(engine.GEOM_CYLINDER, radius=ROD, height=foot, physicsClientId=client)
-        place = (pot.centre[0], pot.centre[1], 0.5 * foot)
-        return body, int(engine.createMultiBody(0.0, rod, -1, place, physicsClientId=client))
+        self.pots = Pots(engine, client, self._pots, self.box, self.bodies)
 
     def _load(self, one: Arm) -> int:
-        engine, client = self._bullet, self._client
+        engine, client = self._bullet, self.client
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "arm.urdf")
             path.write_text(one.description, encoding="utf-8")
@@ -215,11 +167,11 @@ class World:
                 f"{list(place)} puts the box into the ground: its centre must be higher than {half:g} m.",
             )
         body = self._body(0.0, (SUPPORT, SUPPORT, height), (place[0], place[1], height / 2.0), (0.0, 0.0, 0.0))
-        self._bullet.changeDynamics(body, -1, lateralFriction=SUPPORT_FRICTION, physicsClientId=self._client)
+        self._bullet.changeDynamics(body, -1, lateralFriction=SUPPORT_FRICTION, physicsClientId=self.client)
         return body
 
     def _body(self, mass: float, edges: Any, place: Any, centre_of_mass: Any) -> int:
-        engine, client = self._bullet, self._client
+        engine, client = self._bullet, self.client
         shape = engine.createCollisionShape(
             engine.GEOM_BOX,
             halfExtents=[e / 2.0 for e in edges],
@@ -244,7 +196,7 @@ class World:
         """Put both arms to joint angles, shape (2, m), rad, at rest."""
         for body, joints, angles in zip(self.bodies, self.joints, q, strict=True):
             for joint, angle in zip(joints, angles, strict=True):
-                self._bullet.resetJointState(body, joint, float(angle), physicsClientId=self._client)
+                self._bullet.resetJointState(body, joint, float(angle), physicsClientId=self.client)
 
     def joints_at(self, side: int, pad: Array) -> Array:
         """Joint angles, shape (m,), rad, at which a pad is at a place, shape (3,), metres. Raises ParameterError."""
@@ -261,7 +213,7 @@ class World:
 
     def hands(self) -> Hands:
         """What is measured now; draws the sensors' noise."""
-        engine, client = self._bullet, self._client
+        engine, client = self._bullet, self.client
         q, qdot, force, load = [], [], np.empty(2), np.empty(2)
         pads, velocity = np.empty((2, 3)), np.empty((2, 3))
         for side, (body, joints, one) in enumerate(zip(self.bodies, self.joints, self.arms, strict=True)):
@@ -287,7 +239,7 @@ class World:
         beside what the motion needs. `pushes`: array, shape (2, 3), newtons: from outside, on each arm's flange, behind
         the wrist's sensor.
         """
-        engine, client = self._bullet, self._client
+        engine, client = self._bullet, self.client
         read, inverse = engine.getJointStates, engine.calculateInverseDynamics
         command, mode, advance = engine.setJointMotorControlArray, engine.TORQUE_CONTROL, engine.stepSimulation
         # Lists: for seven numbers they are three times as fast as arrays.
@@ -323,75 +275,44 @@ class World:
     def _push(self, pushes: Array) -> None:
         """Let forces from outside, shape (2, 3), newtons, act on the flanges for a step."""
         for body, one, force in zip(self.bodies, self.arms, pushes, strict=True):
-            at = self._bullet.getLinkState(body, one.turning[-1], physicsClientId=self._client)[0]
+            at = self._bullet.getLinkState(body, one.turning[-1], physicsClientId=self.client)[0]
             self._bullet.applyExternalForce(
-                body, one.turning[-1], force.tolist(), at, self._bullet.WORLD_FRAME, physicsClientId=self._client
+                body, one.turning[-1], force.tolist(), at, self._bullet.WORLD_FRAME, physicsClientId=self.client
             )
 
     def box_pose(self) -> tuple[Array, Array]:
         """Centre of the box (not of its mass), shape (3,), metres, and its quaternion x y z w, shape (4,)."""
-        at, turn = self._bullet.getBasePositionAndOrientation(self.box, physicsClientId=self._client)
+        at, turn = self._bullet.getBasePositionAndOrientation(self.box, physicsClientId=self.client)
         rotation = np.array(self._bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
         centre = np.array(at) - rotation @ np.array(self.scene.centre_of_mass)
         if not np.isfinite(centre).all():
             raise DataError(self._location, "the simulation ran away: the box is nowhere.")
         return centre, np.array(turn)
 
+    def put_box(self, centre: Array, turn: Array) -> None:
+        """Put the box (its centre, not that of its mass) to a place, shape (3,), metres, and a quaternion x y z w."""
+        rotation = np.array(self._bullet.getMatrixFromQuaternion(turn.tolist())).reshape(3, 3)
+        at = centre + rotation @ np.array(self.scene.centre_of_mass)
+        self._bullet.resetBasePositionAndOrientation(self.box, at.tolist(), turn.tolist(), physicsClientId=self.client)
+
     def contact_forces(self) -> Array:
         """The true normal forces between each pad and the box, shape (2,), newtons."""
         found = np.zeros(2)
         for side, (body, one) in enumerate(zip(self.bodies, self.arms, strict=True)):
-            contacts = self._bullet.getContactPoints(body, self.box, one.pad, -1, physicsClientId=self._client)
+            contacts = self._bullet.getContactPoints(body, self.box, one.pad, -1, physicsClientId=self.client)
             found[side] = sum(contact[9] for contact in contacts)
         return found
-
-    def move_pots(self, centres: Array) -> None:
-        """Put the pots' middles to `centres`, shape (m, 3), metres."""
-        upright = (0.0, 0.0, 0.0, 1.0)
-        for (body, rod), pot, centre in zip(self._standing, self._pots, centres, strict=True):
-            at, client = [float(value) for value in centre], self._client
-            self._bullet.resetBasePositionAndOrientation(body, at, upright, physicsClientId=client)
-            foot = 0.5 * max(pot.centre[2] - 0.5 * pot.height, LEAST_FOOT) + at[2] - pot.centre[2]
-            self._bullet.resetBasePositionAndOrientation(rod, (at[0], at[1], foot), upright, physicsClientId=client)
-
-    def room(self) -> tuple[float, float]:
-        """How far the box, and the nearer arm, are from the nearest pot or its rod, metres; at most `FAR`.
-
-        Negative: one is inside of the other.
-        """
-        near = {True: FAR, False: FAR}
-        for body in (self.box, *self.bodies):
-            for part in (part for pair in self._standing for part in pair):
-                found = self._bullet.getClosestPoints(body, part, FAR, physicsClientId=self._client)
-                least = min((point[8] for point in found), default=FAR)
-                near[body == self.box] = min(near[body == self.box], least)
-        return near[True], near[False]
-
-    def hits_pots(self) -> tuple[bool, bool]:
-        """Whether the box, and whether an arm, touches a pot or its rod."""
-        return (
-            self._hits(self.box),
-            any(self._hits(body) for body in self.bodies),
-        )
-
-    def _hits(self, body: int) -> bool:
-        return any(
-            contact[8] <= 0.0
-            for pair in self._standing
-            for part in pair
-            for contact in self._bullet.getContactPoints(body, part, physicsClientId=self._client)
-        )
 
     def touching(self) -> bool:
         """Whether anything is inside of something else: an arm of a support, the box or the other arm; the box of one.
 
         The box stands on its own support, and touches it.
         """
-        engine, client = self._bullet, self._client
+        engine, client = self._bullet, self.client
         engine.performCollisionDetection(physicsClientId=client)
         everything = range(engine.getNumBodies(physicsClientId=client))
         pairs = [(body, other) for body in self.bodies for other in everything if other != body]
-        pairs += [(self.box, support) for support in self._supports]
+        pairs += [(self.box, support) for support in self.supports]
         return any(
             contact[8] < -ACCURACY
             for body, other in pairs

@@ -21,7 +21,7 @@ from stages.rollout.carry_scenes import THIN, draw_pots, obstacles_of
 from stages.rollout.parameters import Drag, Flowerpot, Force, RandomDrag
 from stages.trajectory import Array
 from stages.world.arm_pushes import ArmPush, ArmPushes, smooth
-from stages.world.bullet import Pot, lathe
+from stages.world.pots import Pot, lathe
 
 DT = 0.004
 LEFT, RIGHT = 0, 1

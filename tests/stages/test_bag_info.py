@@ -115,9 +115,10 @@ def test_a_clock_set_back_is_counted_and_told(tmp_path: Path, arms: writers.Arms
 
 
 def test_clock_health_counts() -> None:
-    log = ns(0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120)
+    log = ns(1, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120)
     stamp = ns(0, 10, 20, 20, 30, 25, 35, 45, 55, 155, 165, 175, 185)
-    assert health(log, stamp) == ClockHealth(zero=1, backward=1, duplicate=1, gaps=1, longest_gap=0.1, offset=0.0)
+    assert health(log, stamp) == ClockHealth(zero=1, backward=1, duplicate=1, gaps=1, longest_gap=0.1, offset=0.001)
+    assert health(log - log[0], log - log[0]).zero == 0  # the log's own clock begins there
     assert health(log, log - 5 * MS).offset == pytest.approx(0.005)
     assert health(log, None) == ClockHealth()
     assert health(ns(0, 10, 20, 0, 10, 20), None, resets=1).backward == 0

@@ -189,7 +189,7 @@ def test_noise_and_bias_of_the_sensors() -> None:
 def test_a_box_falls_as_far_as_gravity_says() -> None:
     # Nothing is below a box that begins beside its support.
     with World(replace(SCENE, noise=0.0), np.random.default_rng(0)) as world:
-        engine, client = world._bullet, world._client
+        engine, client = world._bullet, world.client
         q = world.put(pads_beside(np.array(SCENE.start), 0.5))
         engine.resetBasePositionAndOrientation(world.box, [0.0, 1.5, 2.0], [0, 0, 0, 1], physicsClientId=client)
         world.drive(q, np.zeros(q.shape), np.zeros(q.shape), 200)
@@ -202,7 +202,7 @@ def test_a_box_falls_as_far_as_gravity_says() -> None:
 def test_the_boxs_centre_is_not_that_of_its_mass() -> None:
     with World(replace(SCENE, centre_of_mass=(0.01, -0.02, 0.005)), np.random.default_rng(0)) as world:
         assert world.box_pose()[0] == pytest.approx(SCENE.start, abs=1e-12)
-        engine, client = world._bullet, world._client
+        engine, client = world._bullet, world.client
         turned = engine.getQuaternionFromEuler([0.0, 0.0, np.pi / 2.0])
         engine.resetBasePositionAndOrientation(world.box, [1.0, 2.0, 3.0], turned, physicsClientId=client)
         # A quarter turn about z: the centre is at -(0.02, 0.01, 0.005) from that of the mass.
@@ -212,7 +212,7 @@ def test_the_boxs_centre_is_not_that_of_its_mass() -> None:
 def test_a_box_that_is_nowhere_is_an_error() -> None:
     with World(SCENE, np.random.default_rng(0)) as world:
         world._bullet.resetBasePositionAndOrientation(
-            world.box, [np.nan, 0.0, 0.0], [0, 0, 0, 1], physicsClientId=world._client
+            world.box, [np.nan, 0.0, 0.0], [0, 0, 0, 1], physicsClientId=world.client
         )
         with pytest.raises(DataError, match="ran away"):
             world.box_pose()

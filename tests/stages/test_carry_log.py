@@ -10,14 +10,20 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pybullet_data
 import pytest
+from frame_trees import placed
+from mcap.reader import make_reader
+from scipy.spatial.transform import Rotation
 from support import Invoke
 
 from pipeline.errors import DataError
 from pipeline.store import file_digest
-from stages.artifacts.carry_log import CLUTCH, FACING, MASTER, read_master, write_carry_log, write_demonstration
-from stages.artifacts.channels import Channel, Flags, JointStates, Points, Poses, Words, Wrenches
-from stages.artifacts.log import read_details, read_log, write_log
+from stages.artifacts import carry_log
+from stages.artifacts.carry_log import CLUTCH, FACING, MASTER, read_master
+from stages.artifacts.channel import Channel
+from stages.artifacts.channels import Flags, JointStates, Numbers, Poses, Transforms, Words, Wrenches
+from stages.artifacts.log import read_details, read_log, read_parameters, write_log
 from stages.ingest.parameters import RecordingParameters, Source, TopicDivision
 from stages.ingest.recordings import read_recordings
 from stages.inspect.bag_info import describe
@@ -26,12 +32,23 @@ from stages.policy.outcome import Outcome
 from stages.rollout.carry import Carried
 from stages.teleoperation.masters import Replay, Seen
 from stages.teleoperation.record import Demonstrated
+from stages.world.description import both, description, faces, turning
 
+ROBOT = "iiwa"
+PARAMETERS = {"kind": "bullet", "following": {"deviation_threshold": 0.006}}
 CODES = {phase: code for code, phase in enumerate(Phase)}
 PHASES = (Phase.APPROACH, Phase.GRIP, Phase.CARRY, Phase.SET_DOWN, Phase.RELEASE, Phase.DONE)
 NAMED = (-1, 0, 0, 1, 1, -1)
-SPOKEN = ("/phase", "/policy/pushed")
-"""Topics of words: a message where they change."""
+SPOKEN = ("/phase", "/policy/pushed", "/robot_description", "/tf_static")
+"""Topics of what is said where it changes, or once."""
+
+
+def write_carry_log(path: Path, one: Any, robot: str = ROBOT) -> None:
+    carry_log.write_carry_log(path, one, robot, PARAMETERS)
+
+
+def write_demonstration(path: Path, done: Demonstrated, seed: int, number: int) -> None:
+    carry_log.write_demonstration(path, done, seed, number, ROBOT, {"scene": {"robot": ROBOT}})
 
 
 def carried(n: int = 6, seed: int = 0) -> SimpleNamespace:
@@ -72,6 +89,7 @@ def carried(n: int = 6, seed: int = 0) -> SimpleNamespace:
         x=arms.x,
         p_hat=arms.p_hat,
         gate=arms.gate,
+        lyapunov=draw(size=n),
         rollout="clpvds-robust/compliant/3",
         outcome=Outcome.ARRIVED,
         scene_facts={"mass": 0.4, "bias": [0.1, -0.1], "compliance": True},
@@ -98,6 +116,7 @@ def demonstration(n: int = 200, silent: int = 5, seed: int = 0) -> Demonstrated:
     return Demonstrated(
         time=time,
         phase=phase.astype(np.int8),
+        joints=generator.normal(size=(n, 2, 7)),
         pads=pads,
         force=5.0 + generator.normal(size=(n, 2)),
         box=midpoint,
@@ -112,8 +131,13 @@ def demonstration(n: int = 200, silent: int = 5, seed: int = 0) -> Demonstrated:
 @pytest.fixture
 def recorded(tmp_path: Path) -> tuple[Path, Demonstrated]:
     done = demonstration()
-    write_demonstration(tmp_path / "demo1.mcap", done, seed=3, number=0)
+    write_demonstration(tmp_path / "demo1.mcap", done, 3, 0)
     return tmp_path / "demo1.mcap", done
+
+
+def carried_log(folder: Path) -> dict[str, Channel]:
+    write_carry_log(folder / "carried.mcap", carried())
+    return read_log(folder / "carried.mcap")
 
 
 def of(log: dict[str, Channel], topic: str, kind: type[Channel]) -> Any:
@@ -134,29 +158,82 @@ def test_a_roll_out_comes_back_as_it_went_in(tmp_path: Path) -> None:
     one = carried()
     write_carry_log(tmp_path / "one.mcap", one)
     log, arms = read_log(tmp_path / "one.mcap"), one.carried
+    turns = faces(both(ROBOT, "robot"), arms.q)[1]
     for side, name in enumerate(("left", "right")):
-        pose = of(log, f"/{name}/pose", Poses)
+        pose, commanded = of(log, f"/{name}/pose", Poses), of(log, f"/{name}/commanded", Poses)
         assert np.array_equal(pose.position, arms.pads[:, side])
-        assert np.array_equal(pose.quaternion, np.tile(FACING[name], (6, 1)))
-        assert np.array_equal(of(log, f"/{name}/commanded", Points).position, arms.commanded[:, side])
-        for topic, of_arms in ((f"/{name}/wrench", arms.force), (f"/truth/{name}_contact", arms.contact)):
-            wrench = of(log, topic, Wrenches)
-            assert np.array_equal(wrench.force, np.column_stack([np.zeros(6), np.zeros(6), of_arms[:, side]]))
-            assert not wrench.torque.any()
-            assert wrench.frame == f"{name}_pad"
-        joints = of(log, f"/{name}/joint_states", JointStates)
-        assert joints.names == tuple(f"{name}_{k}" for k in range(1, 8))
-        assert np.array_equal(joints.position, arms.q[:, side])
-        assert np.array_equal(joints.velocity, arms.qdot[:, side])
-    box = of(log, "/box/pose", Poses)
-    assert np.array_equal(box.position, arms.box)
-    assert np.array_equal(box.quaternion, arms.turn)
-    assert np.array_equal(of(log, "/policy/x", Points).position, one.x)
-    assert np.array_equal(of(log, "/policy/p_hat", Points).position, one.p_hat)
+        assert np.array_equal(pose.quaternion, turns[:, side])
+        assert np.array_equal(commanded.position, arms.commanded[:, side])
+        assert np.array_equal(commanded.quaternion, np.tile(FACING[name], (6, 1)))
+        wrench = of(log, f"/{name}/wrench", Wrenches)
+        assert np.array_equal(wrench.force, np.column_stack([np.zeros(6), np.zeros(6), arms.force[:, side]]))
+        assert not wrench.torque.any()
+        assert wrench.frame == f"{name}_pad"
+    joints = of(log, "/joint_states", JointStates)
+    assert joints.names == turning(both(ROBOT, "robot"))
+    assert joints.names[0] == "left_lbr_iiwa_joint_1"
+    assert joints.names[13] == "right_lbr_iiwa_joint_7"
+    assert np.array_equal(joints.position, arms.q.reshape(6, 14))
+    assert np.array_equal(joints.velocity, arms.qdot.reshape(6, 14))
+    for topic, position in (
+        ("/box/pose", arms.box),
+        ("/midpoint", 0.5 * (arms.pads[:, 0] + arms.pads[:, 1])),
+        ("/policy/x", one.x),
+        ("/policy/p_hat", one.p_hat),
+    ):
+        assert np.array_equal(of(log, topic, Poses).position, position)
+    assert np.array_equal(of(log, "/box/pose", Poses).quaternion, arms.turn)
     assert of(log, "/policy/gate", Flags).values.tolist() == [True, False] * 3
     words = of(log, "/phase", Words)
     assert list(zip(words.time, words.values, strict=True)) == changes(one.time, arms.phase)
     assert all(np.array_equal(channel.time, one.time) for topic, channel in log.items() if topic not in SPOKEN)
+    assert [topic for topic, channel in log.items() if channel.latched] == ["/robot_description", "/tf_static"]
+
+
+def test_numbers_stand_beside_with_names_and_units(tmp_path: Path) -> None:
+    one = carried()
+    write_carry_log(tmp_path / "one.mcap", one)
+    log, arms = read_log(tmp_path / "one.mcap"), one.carried
+    wanted = {
+        "/forces": ("N", {"left": arms.force[:, 0], "right": arms.force[:, 1], "desired": arms.desired}),
+        "/truth/contacts": ("N", {"left": arms.contact[:, 0], "right": arms.contact[:, 1]}),
+        "/policy/deviations": (
+            "m",
+            {"left": arms.residual[:, 0], "right": arms.residual[:, 1], "threshold": np.full(6, 0.006)},
+        ),
+        "/policy/lyapunov": ("m2", {"V": one.lyapunov}),
+        "/truth/clearances": ("m", {"middle": arms.clearance, "box": arms.box_room, "arms": arms.arm_room}),
+    }
+    assert {topic for topic, channel in log.items() if isinstance(channel, Numbers)} == set(wanted)
+    for topic, (unit, values) in wanted.items():
+        found = of(log, topic, Numbers)
+        assert (found.unit, found.names) == (unit, tuple(values))
+        assert np.array_equal(found.values, np.column_stack(list(values.values())))
+
+
+def test_frames_and_description_are_those_of_the_joints(tmp_path: Path) -> None:
+    one = carried()
+    write_carry_log(tmp_path / "one.mcap", one)
+    log, arms = read_log(tmp_path / "one.mcap"), both(ROBOT, "robot")
+    assert of(log, "/robot_description", Words).values == (description(ROBOT, arms),)
+    fixed, moving = of(log, "/tf_static", Transforms), of(log, "/tf", Transforms)
+    places, turns = faces(arms, one.carried.q)
+    for k in range(6):
+        found = placed([fixed, moving], k)
+        for side, name in enumerate(("left", "right")):
+            assert found[f"{name}_pad"][:3, 3] == pytest.approx(places[k, side], abs=1e-9)
+            rotation = Rotation.from_quat(turns[k, side]).as_matrix()
+            assert found[f"{name}_pad"][:3, :3] == pytest.approx(rotation, abs=1e-9)
+        for name, position in (("box", one.carried.box), ("x", one.x), ("p_hat", one.p_hat)):
+            assert np.array_equal(found[name][:3, 3], position[k])
+        assert np.array_equal(found["midpoint"][:3, 3], one.carried.pads[k].mean(axis=0))
+
+
+def test_where_there_are_no_pots_there_are_no_clearances(tmp_path: Path) -> None:
+    one, far = carried(), np.full(6, np.inf)
+    one.carried = replace(one.carried, clearance=far, box_room=far, arm_room=far)
+    write_carry_log(tmp_path / "one.mcap", one)
+    assert "/truth/clearances" not in read_log(tmp_path / "one.mcap")
 
 
 def test_who_was_taken_for_pushed_and_who_truly_was(tmp_path: Path) -> None:
@@ -173,10 +250,12 @@ def test_who_was_taken_for_pushed_and_who_truly_was(tmp_path: Path) -> None:
 
 def test_a_roll_out_has_these_topics_and_no_others(tmp_path: Path) -> None:
     write_carry_log(tmp_path / "one.mcap", carried())
-    of_a_side = ("/{}/pose", "/{}/commanded", "/{}/wrench", "/{}/joint_states", "/truth/{}_contact", "/truth/{}_pushed")
-    of_policy = {f"/policy/{name}" for name in ("x", "p_hat", "gate", "pushed")}
+    of_a_side = ("/{}/pose", "/{}/commanded", "/{}/wrench", "/truth/{}_pushed")
+    of_policy = {f"/policy/{name}" for name in ("x", "p_hat", "gate", "pushed", "deviations", "lyapunov")}
+    of_all = {"/robot_description", "/tf_static", "/tf", "/joint_states", "/box/pose", "/midpoint", "/phase", "/forces"}
     sides = {topic.format(side) for topic in of_a_side for side in ("left", "right")}
-    assert set(read_log(tmp_path / "one.mcap")) == sides | of_policy | {"/box/pose", "/phase"}
+    truth = {"/truth/contacts", "/truth/clearances"}
+    assert set(read_log(tmp_path / "one.mcap")) == sides | of_policy | of_all | truth
 
 
 @pytest.mark.parametrize("field", ["named", "acting"])
@@ -191,10 +270,28 @@ def test_other_pushes_make_another_log(tmp_path: Path, field: str) -> None:
 def test_a_roll_out_says_what_it_was(tmp_path: Path) -> None:
     write_carry_log(tmp_path / "one.mcap", carried())
     assert read_details(tmp_path / "one.mcap") == {
+        "what": "roll-out",
         "rollout": "clpvds-robust/compliant/3",
         "outcome": "arrived",
+        "robot": "iiwa",
         "facts": {"mass": 0.4, "bias": [0.1, -0.1], "compliance": True},
     }
+    assert read_parameters(tmp_path / "one.mcap") == PARAMETERS
+
+
+def test_no_log_depends_on_the_machine(tmp_path: Path) -> None:
+    """No path, of this project or of the descriptions that came with a package, in anything that is said in words."""
+    write_carry_log(tmp_path / "one.mcap", carried())
+    with (tmp_path / "one.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        said = [m.data for _, channel, m in reader.iter_messages(topics=["/robot_description"])]
+        said += [a.data for a in reader.iter_attachments()]
+        said += [str(m.metadata).encode() for m in reader.iter_metadata()]
+    content = b"".join(said)
+    assert len(said) == 3
+    for path in (Path.cwd(), tmp_path, Path(pybullet_data.getDataPath()), Path.home()):
+        assert str(path).encode() not in content
+    assert b".urdf" not in content
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
@@ -251,7 +348,22 @@ def test_a_demonstration_comes_back_as_it_went_in(recorded: tuple[Path, Demonstr
     assert np.array_equal(led.time, done.time)
     # From 1.0 s on, before 3.4 s.
     assert np.array_equal(led.values, (np.arange(200) >= 50) & (np.arange(200) < 170))
-    assert read_details(path) == {"what": "demonstration by shared teleoperation", "seed": 3, "number": 0}
+    frames = of(log, "/tf", Transforms)
+    assert frames.children[-2:] == ("box", "midpoint")
+    assert np.array_equal(frames.position[:, -1], done.pads.mean(axis=1))
+    joints = of(log, "/joint_states", JointStates)
+    assert np.array_equal(joints.position, done.joints.reshape(200, 14))
+    assert joints.names == of(carried_log(path.parent), "/joint_states", JointStates).names
+    assert read_parameters(path) == {"scene": {"robot": ROBOT}}
+    forces = of(log, "/forces", Numbers)
+    assert (forces.names, forces.unit) == (("left", "right"), "N")
+    assert np.array_equal(forces.values, done.force)
+    assert read_details(path) == {
+        "what": "demonstration by shared teleoperation",
+        "seed": 3,
+        "number": 0,
+        "robot": ROBOT,
+    }
 
 
 def test_the_same_demonstration_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -136,6 +136,16 @@ def test_zero_stamps_are_dropped_on_the_header_clock():
     )
 
 
+def test_a_clock_that_begins_at_zero_is_a_clock():
+    time, _ = reach()
+    time = time - time[0]
+    arm, report = cleaned(track(time=time, stamp=time), "header")
+    assert arm.time.size == 200
+    assert arm.time[0] == 0
+    assert not report.counts.get("zero_stamps")
+    assert header_problem(track(time=time, stamp=time)) == ""
+
+
 def test_placeholders_before_the_first_pose_are_dropped():
     _, position = reach()
     position = position.copy()

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame_trees import placed
 from support import CHECKOUT, Invoke
 from typer.testing import Result
 
@@ -21,7 +22,7 @@ from pipeline.errors import ParameterError
 from stages import demonstrate
 from stages.artifacts.carry_log import CLUTCH, MASTER, read_master
 from stages.artifacts.channels import Channel, Flags, Poses, Words
-from stages.artifacts.log import read_details, read_log, write_log
+from stages.artifacts.log import read_details, read_log, read_parameters, write_log
 from stages.policy.carrying import Phase
 from stages.teleoperation.parameters import KeyboardParameters, SimulatedOperatorParameters, TeleopParameters
 from stages.teleoperation.record import Demonstrated
@@ -71,7 +72,13 @@ def test_one_demonstration_is_one_file(recorded: tuple[Path, Any]) -> None:
     root, _ = recorded
     assert files(root) == ["datasets", "datasets/short", "datasets/short/demo1.mcap"]
     path = root / "datasets/short/demo1.mcap"
-    assert read_details(path) == {"what": "demonstration by shared teleoperation", "seed": 4, "number": 0}
+    assert read_details(path) == {
+        "what": "demonstration by shared teleoperation",
+        "seed": 4,
+        "number": 0,
+        "robot": "iiwa",
+    }
+    assert read_parameters(path)["scene"]["robot"] == "iiwa"
     assert end(path) < 0.005
     log = read_log(path)
     words = log["/phase"]
@@ -87,6 +94,17 @@ def test_one_demonstration_is_one_file(recorded: tuple[Path, Any]) -> None:
     assert clutch.values.any()
     assert not clutch.values[clutch.time < begin].any()
     assert np.diff(led.time)[:-1] == pytest.approx(0.02)  # and the end, whenever it is
+
+
+def test_the_recorded_frames_lead_to_the_pads(recorded: tuple[Path, Any]) -> None:
+    log = read_log(recorded[0] / "datasets/short/demo1.mcap")
+    trees = [log["/tf_static"], log["/tf"]]
+    for k in (0, log["/tf"].time.size // 2):
+        places = placed(trees, k)
+        for side in ("left", "right"):
+            pose = log[f"/{side}/pose"]
+            assert isinstance(pose, Poses)
+            assert places[f"{side}_pad"][:3, 3] == pytest.approx(pose.position[k], abs=1e-9)
 
 
 def test_the_pads_copy_the_strokes_of_the_master(recorded: tuple[Path, Any]) -> None:
@@ -347,6 +365,7 @@ def made(ended: Phase = Phase.DONE, **changes: Any) -> Demonstrated:
     done = Demonstrated(
         time=np.arange(3) / 50.0,
         phase=np.full(3, list(Phase).index(Phase.CARRY), dtype=np.int8),
+        joints=np.zeros((3, 2, 7)),
         pads=np.zeros((3, 2, 3)),
         force=np.zeros((3, 2)),
         box=np.tile([0.65, 0.15, 0.47], (3, 1)),

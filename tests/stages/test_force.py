@@ -49,6 +49,7 @@ def held(phases: str, **changes: Any) -> RecordedCarry:
         "phase": np.array([names[letter] for letter in phases]),
         "box": np.tile(GOAL, (n, 1)),
         "turn": np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
+        "joints": np.zeros((n, 2, 7)),
         "force": np.full((n, 2), 5.0),
         "contact": np.full((n, 2), 5.0),
         "desired": np.full(n, 5.0),

@@ -21,7 +21,10 @@ from mcap.records import Chunk, ChunkIndex, DataEnd, Footer
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v8
 from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
 
 from pipeline.errors import DataError
 from stages.artifacts.channels import (
@@ -30,12 +33,22 @@ from stages.artifacts.channels import (
     Flags,
     JointStates,
     Numbers,
-    Points,
     Poses,
+    Transforms,
     Words,
     Wrenches,
 )
-from stages.artifacts.log import KEY, definitions, read_details, read_log, write_log
+from stages.artifacts.log import (
+    KEY,
+    LATCHED,
+    PARAMETERS,
+    definitions,
+    library,
+    read_details,
+    read_log,
+    read_parameters,
+    write_log,
+)
 from stages.ingest.parameters import RecordingParameters, Source
 from stages.ingest.recordings import read_recordings
 from stages.inspect.bag_info import describe
@@ -59,20 +72,24 @@ def channels(draw: st.DrawFn, kind: type[Channel], topic: str = "/topic") -> Any
     Up to 2^50 ns, 13 days, a float keeps whole nanoseconds.
     """
     time = np.array(sorted(draw(st.lists(st.integers(0, 2**50), max_size=4))), dtype=np.int64) / 1e9
-    n, base = time.size, {"topic": topic, "time": time}
+    n, base = time.size, {"topic": topic, "time": time, "latched": draw(st.booleans())}
     if kind is Poses:
         return Poses(**base, frame=draw(st.text()), position=draw(numbers(n, 3)), quaternion=draw(numbers(n, 4)))
     if kind is Wrenches:
         return Wrenches(**base, frame=draw(st.text()), force=draw(numbers(n, 3)), torque=draw(numbers(n, 3)))
-    if kind is Points:
-        return Points(**base, frame=draw(st.text()), position=draw(numbers(n, 3)))
+    if kind is Transforms:
+        frames = draw(st.lists(st.tuples(st.text(max_size=6), st.text(max_size=6)), min_size=1, max_size=3))
+        parents, children = zip(*frames, strict=True)
+        position, quaternion = draw(numbers(n, len(frames), 3)), draw(numbers(n, len(frames), 4))
+        return Transforms(**base, parents=parents, children=children, position=position, quaternion=quaternion)
     if kind is JointStates:
         names = draw(st.lists(st.text(max_size=6), min_size=1, max_size=3))
         of_joints = numbers(n, len(names))
         velocity, effort = draw(st.none() | of_joints), draw(st.none() | of_joints)
         return JointStates(**base, names=tuple(names), position=draw(of_joints), velocity=velocity, effort=effort)
     if kind is Numbers:
-        return Numbers(**base, unit=draw(st.sampled_from(["", "m", "m2"])), values=draw(numbers(n)))
+        names = tuple(draw(st.lists(st.text(max_size=6), min_size=1, max_size=3)))
+        return Numbers(**base, names=names, unit=draw(st.sampled_from(["", "m"])), values=draw(numbers(n, len(names))))
     if kind is Flags:
         return Flags(**base, values=draw(arrays(np.bool_, n)))
     return Words(**base, values=tuple(draw(st.lists(st.text(max_size=5), min_size=n, max_size=n))))
@@ -99,23 +116,24 @@ def carry(n: int = 1500, seed: int = 0) -> list[Channel]:
         found += [
             Poses(topic=f"/{side}/pose", frame="world", time=time, position=position, quaternion=turned),
             Wrenches(topic=f"/{side}/wrench", frame="world", time=time, force=force, torque=torque),
-            Numbers(topic=f"/{side}/grip", time=time, unit="N", values=noisy(5.0 + s)),
+            Numbers(topic=f"/{side}/grip", time=time, names=("grip",), unit="N", values=noisy(5.0 + s)[:, None]),
             Flags(topic=f"/{side}/contact", time=time, values=s > 0.2),
         ]
     return [
         *found,
         Poses(topic="/box/pose", frame="world", time=time, position=noisy(reach), quaternion=turned),
-        Points(topic="/x", frame="world", time=time, position=noisy(reach)),
-        Points(topic="/p_hat", frame="world", time=time, position=noisy(reach)),
-        Numbers(topic="/lyapunov", time=time, unit="m2", values=noisy(np.exp(-s))),
+        Poses(topic="/x", frame="world", time=time, position=noisy(reach), quaternion=turned),
+        Poses(topic="/p_hat", frame="world", time=time, position=noisy(reach), quaternion=turned),
+        Numbers(topic="/lyapunov", time=time, names=("V",), unit="m2", values=noisy(np.exp(-s))[:, None]),
         Flags(topic="/gate", time=time, values=s < 0.9),
         Words(topic="/phase", time=time, values=tuple("reach" if k < 0.2 else "carry" for k in s)),
     ]
 
 
-def point(topic: str = "/x", time: Any = (0.0, 0.01, 0.02), **changes: Any) -> Points:
-    position = np.arange(3.0 * len(time)).reshape(-1, 3)
-    return Points(**{"topic": topic, "frame": "world", "time": time, "position": position, **changes})
+def point(topic: str = "/x", time: Any = (0.0, 0.01, 0.02), **changes: Any) -> Poses:
+    position, turned = np.arange(3.0 * len(time)).reshape(-1, 3), np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1))
+    base = {"topic": topic, "frame": "world", "time": time, "position": position, "quaternion": turned}
+    return Poses(**{**base, **changes})
 
 
 def same(a: Channel, b: Channel) -> None:
@@ -175,12 +193,29 @@ def joints(c: JointStates, k: int) -> Any:
     return TYPES[c.message](header=header(c.time[k], ""), name=list(c.names), **values)
 
 
+def transforms(c: Transforms, k: int) -> Any:
+    found = []
+    for j, (parent, child) in enumerate(zip(c.parents, c.children, strict=True)):
+        place, turn = xyz("Vector3", c.position[k, j]), xyz("Quaternion", c.quaternion[k, j])
+        inner = TYPES["geometry_msgs/msg/Transform"](translation=place, rotation=turn)
+        made = TYPES["geometry_msgs/msg/TransformStamped"]
+        found.append(made(header=header(c.time[k], parent), child_frame_id=child, transform=inner))
+    return TYPES[c.message](transforms=found)
+
+
+def named_numbers(c: Numbers, k: int) -> Any:
+    size = len(c.names)
+    dimension = TYPES["std_msgs/msg/MultiArrayDimension"](label=", ".join(c.names), size=size, stride=size)
+    layout = TYPES["std_msgs/msg/MultiArrayLayout"](dim=[dimension], data_offset=0)
+    return TYPES[c.message](layout=layout, data=c.values[k])
+
+
 MESSAGES: dict[type[Channel], Callable[[Any, int], Any]] = {
     Poses: pose,
     Wrenches: wrench,
-    Points: lambda c, k: TYPES[c.message](header=header(c.time[k], c.frame), point=xyz("Point", c.position[k])),
+    Transforms: transforms,
     JointStates: joints,
-    Numbers: lambda c, k: TYPES[c.message](data=float(c.values[k])),
+    Numbers: named_numbers,
     Flags: lambda c, k: TYPES[c.message](data=bool(c.values[k])),
     Words: lambda c, k: TYPES[c.message](data=c.values[k]),
 }
@@ -202,6 +237,32 @@ def test_a_pose_by_hand() -> None:
     stamp = b"\x01\x00\x00\x00" + (500_000_000).to_bytes(4, "little")
     text = b"\x03\x00\x00\x00ab\x00" + bytes(1)  # 16 bytes after the encapsulation: the doubles begin at once
     assert channel.encode()[1] == [b"\x00\x01\x00\x00" + stamp + text + one + two + three + bytes(24) + one]
+
+
+def test_numbers_by_hand() -> None:
+    channel = Numbers(topic="/forces", time=[0.0], names=("a", "b"), unit="N", values=[[1.0, 2.0]])
+    of = [k.to_bytes(4, "little") for k in (1, 5, 2, 2, 0, 2)]  # dimensions, label, size, stride, offset, numbers
+    text = of[0] + of[1] + b"a, b\x00" + bytes(3) + b"".join(of[2:])
+    assert len(text) == 32  # the doubles begin at once
+    assert channel.encode()[1] == [b"\x00\x01\x00\x00" + text + np.array([1.0, 2.0]).tobytes()]
+    assert channel.shared() == {"names": ["a", "b"], "unit": "N"}
+
+
+def test_transforms_by_hand() -> None:
+    channel = Transforms(
+        topic="/tf",
+        time=[1.5],
+        parents=("a", "a"),
+        children=("b", "c"),
+        position=[[[1, 2, 3], [4, 5, 6]]],
+        quaternion=[[[0, 0, 0, 1], [1, 0, 0, 0]]],
+    )
+    stamp = b"\x01\x00\x00\x00" + (500_000_000).to_bytes(4, "little")
+    names = b"\x02\x00\x00\x00a\x00\x00\x00\x02\x00\x00\x00%b\x00"
+    first = stamp + names % b"b" + bytes(6) + np.array([1.0, 2, 3, 0, 0, 0, 1]).tobytes()
+    second = stamp + names % b"c" + bytes(2) + np.array([4.0, 5, 6, 1, 0, 0, 0]).tobytes()
+    # 4 + 8 + 14 bytes before the first doubles, which begin at 32; 88 + 8 + 14 before the second ones, at 112.
+    assert channel.encode()[1] == [b"\x00\x01\x00\x00\x02\x00\x00\x00" + first + second]
 
 
 def test_definitions_are_those_of_humble() -> None:
@@ -239,6 +300,27 @@ def test_details_come_back(tmp_path: Path) -> None:
         (record,) = make_reader(stream).iter_metadata()
     assert (record.name, list(record.metadata)) == (KEY, ["box", "controller", "note", "seed"])
     assert record.metadata["box"] == '{"mass":0.5,"size":[0.2,0.3]}'
+
+
+def test_parameters_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    write_log(path, [point()], {"seed": 3}, {"b": [1, 2.5], "a": {"kind": "bullet"}})
+    assert read_parameters(path) == {"a": {"kind": "bullet"}, "b": [1, 2.5]}
+    assert read_details(path) == {"seed": 3}
+    with path.open("rb") as stream:
+        (found,) = make_reader(stream).iter_attachments()
+    assert (found.name, found.media_type, found.create_time, found.log_time) == (PARAMETERS, "application/json", 0, 0)
+    assert found.data == b'{"a":{"kind":"bullet"},"b":[1,2.5]}'
+    write_log(path, [point()], {})
+    assert read_parameters(path) is None
+
+
+def test_what_wrote_a_file(tmp_path: Path) -> None:
+    write_log(tmp_path / "log.mcap", [point()], {})
+    assert library(tmp_path / "log.mcap") == "clpv"
+    assert library(foreign(tmp_path / "other.mcap", "std_msgs/msg/String", {})) != "clpv"
+    (tmp_path / "text.mcap").write_text("nothing")
+    assert library(tmp_path / "text.mcap") == library(tmp_path / "none.mcap") == ""
 
 
 def test_words_are_written_where_they_change(tmp_path: Path) -> None:
@@ -317,6 +399,19 @@ FAULTS: dict[str, tuple[Channel, str]] = {
     "velocity": (
         JointStates(**JOINTS, position=np.zeros((1, 2)), velocity=np.zeros((1, 3))),
         r"its velocity has shape \(1, 3\) where its 1 times ask for \(1, 2\)\.",
+    ),
+    "no numbers": (Numbers(topic="/x", time=(0.0,), names=(), values=np.zeros((1, 0))), "it names no numbers"),
+    "numbers": (
+        Numbers(topic="/x", time=(0.0,), names=("a", "b"), values=np.zeros((1, 3))),
+        r"its values has shape \(1, 3\) where its 1 times ask for \(1, 2\)\.",
+    ),
+    "no frames": (
+        Transforms(topic="/x", time=(), parents=(), children=(), position=np.zeros(0), quaternion=np.zeros(0)),
+        r"it names 0 parents for 0 frames\.",
+    ),
+    "frames": (
+        Transforms(topic="/x", time=(), parents=("a",), children=("b", "c"), position=(), quaternion=()),
+        r"it names 1 parents for 2 frames\.",
     ),
     "no joints": (JointStates(**{**JOINTS, "names": ()}, position=np.zeros((1, 0))), "it names no joints"),
     "words": (Words(topic="/x", time=(0.0, 1.0), values=("carry",)), r"its values has shape \(1,\) where its 2 times"),
@@ -397,15 +492,15 @@ def foreign(path: Path, message: str, metadata: dict[str, str], data: bytes = by
     ("message", "metadata", "said"),
     [
         (
-            "std_msgs/msg/Float32",
+            "std_msgs/msg/Float64",
             {},
-            "holds messages of type std_msgs/msg/Float32; did you mean 'std_msgs/msg/Float64'",
+            "holds messages of type std_msgs/msg/Float64; ",
         ),
-        ("std_msgs/msg/Float64", {}, "was not written by clpv"),
-        ("geometry_msgs/msg/PointStamped", {KEY: "{}"}, r"is damaged \('frame'\): run the stage again"),
-        ("geometry_msgs/msg/PointStamped", {KEY: '{"frame":"world"}'}, r"is damaged \(message 1 has 12 bytes instead"),
+        ("std_msgs/msg/Bool", {}, "was not written by clpv"),
+        ("geometry_msgs/msg/PoseStamped", {KEY: "{}"}, r"is damaged \('frame'\): run the stage again"),
+        ("geometry_msgs/msg/PoseStamped", {KEY: '{"frame":"world"}'}, r"is damaged \(message 1 has 12 bytes instead"),
         ("std_msgs/msg/String", {KEY: "{}"}, r"is damaged \(message 1 is not a text\)"),
-        ("std_msgs/msg/Float64", {KEY: "{}"}, r"is damaged \(message 1 is not laid out as the others\)"),
+        ("std_msgs/msg/Bool", {KEY: "{}"}, r"is damaged \(message 1 has 12 bytes instead of 5\)"),
     ],
 )
 def test_logs_of_others_are_refused(tmp_path: Path, message: str, metadata: dict[str, str], said: str) -> None:
@@ -421,14 +516,29 @@ def test_logs_of_others_are_refused(tmp_path: Path, message: str, metadata: dict
 
 def test_channels_say_what_the_profile_asks_for(tmp_path: Path) -> None:
     """https://mcap.dev/spec/registry, profile ros2."""
-    write_log(tmp_path / "log.mcap", carry(3), {})
+    write_log(tmp_path / "log.mcap", [*carry(3), point("/once", time=[0.0], latched=True)], {})
     with (tmp_path / "log.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     for channel in summary.channels.values():
         schema = summary.schemas[channel.schema_id]
         assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
-        assert channel.metadata["offered_qos_profiles"] == ""
+        assert channel.metadata["offered_qos_profiles"] == (LATCHED if channel.topic == "/once" else "")
         assert schema.data == definitions()[schema.name]
+
+
+def test_latched_topics_are_offered_as_humble_writes_them(tmp_path: Path) -> None:
+    """Humble reads whole numbers only; rosbags reads them as Jazzy does, and writes the same for bags of Humble."""
+    write_log(tmp_path / "log.mcap", [point("/once", time=[0.0], latched=True), point()], {})
+    with AnyReader([tmp_path / "log.mcap"], default_typestore=HUMBLE) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+    (once,) = offered["/once"]
+    assert offered["/x"] == []
+    assert (once.durability, once.reliability) == (QosDurability.TRANSIENT_LOCAL, QosReliability.RELIABLE)
+    assert (once.history, once.depth) == (QosHistory.KEEP_LAST, 10)
+    forever = QosTime((2**63 - 1) // 10**9, (2**63 - 1) % 10**9)
+    assert once.deadline == once.lifespan == once.liveliness_lease_duration == forever
+    load = YAML(typ="safe").load
+    assert load(LATCHED) == load(dump_qos_v8([once]))
 
 
 def test_the_core_reader_validates_every_checksum(tmp_path: Path) -> None:

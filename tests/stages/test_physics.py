@@ -18,15 +18,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame_trees import placed
+from pytransform3d.urdf import UrdfTransformManager
 from support import CHECKOUT
 
 from pipeline.errors import DataError, ParameterError
 from pipeline.stage import StageContext
+from pipeline.values import plain
 from stages.artifacts.carry_log import write_carry_log
+from stages.artifacts.channels import JointStates, Poses, Words
+from stages.artifacts.log import read_log
 from stages.artifacts.parquet import records
 from stages.artifacts.rollouts import read_rollouts, write_rollouts
 from stages.dynamics.lpvds import LpvDs
 from stages.evaluate.force import grip
+from stages.ingest.parameters import RecordingParameters, Source
+from stages.ingest.recordings import read_recordings
 from stages.mixture.gaussian import GaussianMixture
 from stages.policy.admittance import settled_force
 from stages.policy.carrying import Phase, tilt
@@ -203,8 +210,45 @@ def test_it_goes_through_the_table_of_roll_outs_to_its_metrics(held: CarryRollou
 
 
 def log_digest(one: CarryRollout, path: Path) -> str:
-    write_carry_log(path, one)
+    write_carry_log(path, one, NOISY.scene.robot, plain(NOISY))
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_log_places_the_pads_where_they_were(held: CarryRollout, tmp_path: Path) -> None:
+    """By its own joints and description, by the chain of its frames, and as `clpv ingest` reads it."""
+    path = tmp_path / "held.mcap"
+    log_digest(held, path)
+    log, arms = read_log(path), held.carried
+    trees, joints = [log["/tf_static"], log["/tf"]], log["/joint_states"]
+    assert isinstance(joints, JointStates)
+    text = log["/robot_description"]
+    assert isinstance(text, Words)
+    known = UrdfTransformManager()
+    known.load_urdf(text.values[0])
+    for k in (0, held.time.size // 2, held.time.size - 1):
+        for name, angle in zip(joints.names, joints.position[k], strict=True):
+            known.set_joint(name, float(angle))
+        places = placed(trees, k)
+        for side, name in enumerate(("left", "right")):
+            assert known.get_transform(f"{name}_pad", "world")[:3, 3] == pytest.approx(arms.pads[k, side], abs=1e-9)
+            assert places[f"{name}_pad"][:3, 3] == pytest.approx(arms.pads[k, side], abs=1e-9)
+    given = RecordingParameters(
+        sources=(Source(files=("held.mcap",)),),
+        left="/left/pose",
+        right="/right/pose",
+        left_wrench="/left/wrench",
+        right_wrench="/right/wrench",
+        trim=False,
+    )
+    (found,) = read_recordings([[path]], given)[0]
+    for side, name in enumerate(("left", "right")):
+        arm, pose = found.arms[name], log[f"/{name}/pose"]
+        assert isinstance(pose, Poses)
+        assert arm.time == pytest.approx(held.time, abs=1e-9)
+        assert arm.position == pytest.approx(arms.pads[:, side], abs=1e-9)
+        assert arm.quaternion == pytest.approx(pose.quaternion, abs=1e-9)
+        assert arm.force is not None
+        assert arm.force[:, 2] == pytest.approx(arms.force[:, side], abs=1e-9)
 
 
 def test_the_same_seed_gives_the_same_log_in_two_processes(held: CarryRollout, tmp_path: Path) -> None:

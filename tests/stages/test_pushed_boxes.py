@@ -19,8 +19,9 @@ from scenes import linear
 
 from pipeline.errors import DataError, ParameterError
 from pipeline.stage import StageContext
+from pipeline.values import plain
 from stages.artifacts.carry_log import write_carry_log
-from stages.artifacts.channels import Flags, Points, Poses, Words
+from stages.artifacts.channels import Flags, Poses, Words
 from stages.artifacts.log import read_details as log_details
 from stages.artifacts.log import read_log
 from stages.artifacts.rollouts import read_rollouts, read_scenes, write_rollouts
@@ -469,13 +470,13 @@ def test_the_table_of_what_failed_is_complete(tmp_path: Path) -> None:
 def test_the_log_of_what_failed_is_complete(name: str, tmp_path: Path) -> None:
     one, path = fault(name), tmp_path / "one.mcap"
     done = one.carried
-    write_carry_log(path, one)
+    write_carry_log(path, one, "iiwa", plain(parameters()))
     log = read_log(path)
     for topic, kind, wanted in (
         ("/box/pose", Poses, done.box),
         ("/left/pose", Poses, done.pads[:, LEFT]),
-        ("/right/commanded", Points, done.commanded[:, RIGHT]),
-        ("/policy/x", Points, done.x),
+        ("/right/commanded", Poses, done.commanded[:, RIGHT]),
+        ("/policy/x", Poses, done.x),
     ):
         found: Any = log[topic]
         assert isinstance(found, kind)

@@ -58,6 +58,7 @@ def recorded(
         "pads": np.stack([middle + HALF, middle - HALF], axis=1),
         "box": middle,
         "turn": np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
+        "joints": np.zeros((n, 2, 7)),
         "force": np.full((n, 2), 5.0),
         "contact": np.full((n, 2), 5.0),
         "desired": np.full(n, 5.0),

@@ -345,6 +345,7 @@ def test_roll_outs_of_arms_come_back_as_they_went_in(tmp_path: Path) -> None:
         assert np.array_equal(two.clearance, one.clearance, equal_nan=True)
         assert [CODES[name] for name in two.status] == one.status.tolist()
         assert np.array_equal(two.executed, arms.pads.mean(axis=1))
+        assert np.array_equal(two.carry.joints, arms.q)
     rooms = [one.carry.box_room for one in found if one.carry is not None]
     assert [bool(np.isnan(room).any()) for room in rooms] == [False, True, True]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import DataError, ParameterError
 from stages.ingest.names import nearest
@@ -42,6 +43,16 @@ class Track:
     stamp: Nanoseconds | None
     values: Array
     quaternion: Array | None = None
+
+    @property
+    def stamped(self) -> NDArray[np.bool_]:
+        """Whether somebody set each header's stamp, array of bool, shape (n,).
+
+        A stamp of 0 is none, unless the recording's own clock says 0, too: a simulation's begins there.
+        """
+        if self.stamp is None:
+            return np.zeros(self.log_time.shape, dtype=np.bool_)
+        return np.asarray((self.stamp != 0) | (self.log_time == 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
