@@ -219,14 +219,15 @@ def add_verbs(app: typer.Typer, references: Sequence[str], templates: Callable[[
         sets: Sets = None,
         seed: Seed = None,
         json: Json = False,
+        quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Tables only, no plots.")] = False,
         debug: Debug = False,
     ) -> None:
         """Show an experiment's parameters, artifacts and metrics."""
-        from pipeline import views
         from pipeline.console import Console
+        from pipeline.show import show as show_it
 
-        project, console = open_project(references), Console(json=json)
-        views.show(project, console, project.experiment(name, sets or (), seed), stage, point, csv=csv)
+        project, console = open_project(references), Console(json=json, quiet=quiet)
+        show_it(project, console, project.experiment(name, sets or (), seed), stage, point, csv=csv)
 
     @verb
     def list_(json: Json = False, debug: Debug = False) -> None:

@@ -11,13 +11,19 @@ import io
 import json
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pipeline.runner import Event
 from pipeline.values import plain
+
+if TYPE_CHECKING:
+    from pipeline.plots import Bars, Plot
+
+COERCED = ("C.UTF-8", "C.utf8", "UTF-8")
 
 
 class Console:
@@ -76,6 +82,23 @@ class Console:
                 for text, width, right in zip(line, widths, numeric, strict=True)
             ]
             print("  ".join(parts).rstrip())
+
+    @property
+    def draws(self) -> bool:
+        """Whether plots are wanted: not with --json, not with --quiet."""
+        return not self.json and not self.quiet
+
+    def plots(self, plots: Sequence[Plot | Bars], head: str = "") -> None:
+        """Plots below an empty line and a head, as wide as the terminal, where they are wanted and there is room."""
+        if not self.draws:
+            return
+        from pipeline.braille import Style
+        from pipeline.drawing import draw
+
+        width = shutil.get_terminal_size().columns
+        lines = draw(plots, Style(width=width, braille=_braille(sys.stdout), colours=_colour(sys.stdout)))
+        for line in ["", *([head, ""] if head else []), *lines] if lines else []:
+            print(line)
 
     def csv(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Rows as comma-separated values with a head line."""
@@ -190,6 +213,20 @@ def _place(event: Event) -> str:
 def _colour(stream: TextIO) -> bool:
     """Whether a stream is a terminal that may be drawn on."""
     return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def _braille(stream: TextIO) -> bool:
+    """Whether braille may be printed: the encoding has it, and nobody asked for the locale C.
+
+    Python writes UTF-8 in that locale, too, and sets LC_CTYPE to one of `COERCED` by itself (PEP 538).
+    """
+    try:
+        "\u28ff".encode(stream.encoding or "utf-8")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    kind = os.environ.get("LC_CTYPE", "")
+    asked = os.environ.get("LC_ALL") or ("" if kind in COERCED else kind) or os.environ.get("LANG")
+    return asked not in ("C", "POSIX")
 
 
 def _finite(value: Any) -> Any:

@@ -134,6 +134,8 @@ class Stage:
         tables: output files -> further tables of rows, by title.
         warm: import string of a function that compiles what `run` needs, called once before workers start with the
             parameters of all points; or "".
+        plots: import string of a function, files of the stage and of those before it -> `Plot`s and `Bars` that show
+            them in a terminal, the most telling first; or "". A string, so that no key depends on it.
     """
 
     name: str
@@ -155,6 +157,7 @@ class Stage:
     summarise: Callable[[list[dict[str, Any]]], list[dict[str, Any]]] | None = None
     tables: Callable[[Mapping[str, Path]], Mapping[str, list[dict[str, Any]]]] | None = None
     warm: str = ""
+    plots: str = ""
 
     def preset(self, name: str, given: Mapping[str, Any]) -> Mapping[str, Any]:
         """What a preset sets below the given parameters, which may name a kind."""

@@ -143,4 +143,5 @@ STAGE = Stage(
     rows=rows,
     tables=tables,
     warm="stages.warm:dynamics",
+    plots="stages.figures.terminal:dynamics",
 )

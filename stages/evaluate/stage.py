@@ -108,4 +108,5 @@ STAGE = Stage(
     rows=rows,
     summarise=summarise,
     warm="stages.warm:evaluate",
+    plots="stages.figures.terminal:evaluate",
 )

@@ -60,4 +60,5 @@ STAGE = Stage(
     sources=sources,
     about=about,
     headline=headline,
+    plots="stages.figures.terminal:ingest",
 )

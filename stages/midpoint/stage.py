@@ -66,4 +66,5 @@ STAGE = Stage(
     run=run,
     libraries=("numpy", "scipy", "pyarrow"),
     headline=headline,
+    plots="stages.figures.terminal:midpoint",
 )

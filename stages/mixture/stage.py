@@ -101,4 +101,5 @@ STAGE = Stage(
     headline=headline,
     rows=rows,
     warm="stages.warm:mixture",
+    plots="stages.figures.terminal:mixture",
 )

@@ -91,4 +91,5 @@ def test_modules_and_implementations(toy):
 def test_stages_without_presets_sources_rows_or_figures(toy):
     stage = toy.open().stage("read")
     assert (stage.presets, stage.rows, stage.summarise, stage.warm, stage.random) == ({}, None, None, "", False)
+    assert (stage.tables, stage.plots) == (None, "")
     assert toy.open().stage("fit").sources(None, toy.root) == {}
