@@ -73,4 +73,4 @@ venv:
 clean:
 	find . \( -name .venv -o -name .git \) -prune -o -type d \( -name __pycache__ -o -name '*.egg-info' \) -prune -exec rm -rf {} +
 	rm -rf build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
-	rm -rf runs/.store runs/*/report.html runs/*/figures
+	rm -rf runs/.store runs/index.html runs/*/report.html runs/*/figures

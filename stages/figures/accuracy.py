@@ -6,21 +6,15 @@ a condition changes a controller's error, motion by motion.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from stages.figures.intervals import FEW, bootstrap_interval, change_interval
 from stages.figures.numbers import condition_name, number
 from stages.figures.style import colour, controller_colours, drawing, panel_width, svg
 from stages.trajectory import Array
-
-RESAMPLES = 4000
-"""Bootstrap resamples of an interval; its ends then vary by about a fiftieth of its width."""
-
-FEW = 10
-"""Below this number of values no interval is drawn, but every value."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,14 +24,6 @@ class Bar:
     controller: str
     condition: str
     values: Array
-
-
-def bootstrap_interval(values: Array, name: str) -> tuple[float, float]:
-    """95 % interval of the mean of `values`, shape (n,): percentiles over resamples, drawn by a seed made of `name`."""
-    generator = np.random.default_rng(zlib.crc32(name.encode()))
-    drawn = generator.integers(0, values.shape[0], size=(RESAMPLES, values.shape[0]))
-    low, high = np.percentile(values[drawn].mean(axis=1), [2.5, 97.5])
-    return float(low), float(high)
 
 
 def bar_panel(bars: Sequence[Bar], title: str, axis: str, top: float, columns: int) -> str:
@@ -69,6 +55,8 @@ def bar_panel(bars: Sequence[Bar], title: str, axis: str, top: float, columns: i
                 number(mean, 2 if mean < 1 else 3), (place, 0), xytext=(0, 4), textcoords="offset points",
                 ha="center", fontsize=7.5, color=colour("surface"),
             )  # fmt: skip
+        if len(conditions) == 1:
+            axes.set_xlim(-1.0, 1.0)  # one group of bars is no wider than of several
         axes.set_xticks(range(len(conditions)), [condition_name(name) for name in conditions])
         axes.tick_params(axis="x", length=0)
         axes.set(ylim=(0, top), title=title)
@@ -112,10 +100,7 @@ def changes(bars: Sequence[Bar], undisturbed: str) -> list[Change]:
         before, after = base[bar.controller].values, bar.values
         low = high = None
         if after.shape[0] >= FEW:
-            generator = np.random.default_rng(zlib.crc32(f"change/{bar.controller}/{bar.condition}".encode()))
-            drawn = generator.integers(0, after.shape[0], size=(RESAMPLES, after.shape[0]))
-            ratios = after[drawn].mean(axis=1) / before[drawn].mean(axis=1) - 1.0
-            low, high = (float(value) for value in np.percentile(ratios, [2.5, 97.5]))
+            low, high = change_interval(before, after, f"change/{bar.controller}/{bar.condition}")
         ratio = float(after.mean() / before.mean() - 1.0)
         found.append(Change(controller=bar.controller, condition=bar.condition, ratio=ratio, low=low, high=high))
     return found

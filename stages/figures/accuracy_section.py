@@ -11,8 +11,9 @@ import numpy as np
 
 from pipeline.report import Block, Figure, Panel, Section, Table
 from stages.evaluate.summary import group, mean
-from stages.figures.accuracy import FEW, Bar, Change, bar_panel, changes, highest
-from stages.figures.numbers import MISSING, NO_BREAK, UNDISTURBED, condition_name, controller_name, number, percent
+from stages.figures.accuracy import Bar, Change, bar_panel, changes, highest
+from stages.figures.intervals import FEW, with_interval
+from stages.figures.numbers import MISSING, UNDISTURBED, condition_name, controller_name, number, percent
 from stages.figures.results import PointResults, Results, label
 from stages.figures.style import controller_keys
 
@@ -107,7 +108,5 @@ def change_cell(change: Change | None) -> str:
     """A change as a table says it: a percentage, and its interval where there is one."""
     if change is None:
         return MISSING
-    text = percent(change.ratio, sign=True)
-    if change.low is not None and change.high is not None:
-        text += f" ({percent(change.low, sign=True)} to {percent(change.high, sign=True)})"
-    return text.replace(" ", NO_BREAK)
+    ends = [percent(end, sign=True) for end in (change.low, change.high) if end is not None]
+    return with_interval(percent(change.ratio, sign=True), ends or None)

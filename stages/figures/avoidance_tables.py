@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.report import Table
-from stages.evaluate.summary import COLLISIONS, group, mean
-from stages.figures.clearance import wilson
-from stages.figures.numbers import MISSING, MM, NO_BREAK, given, kind_name, method_title, number, percent
+from stages.evaluate.summary import COLLISIONS, group
+from stages.figures.intervals import SHARES, brackets, mean_cell, share, spread_cell, tally
+from stages.figures.numbers import MISSING, MM, given, kind_name, method_title, number
 from stages.figures.results import PointResults, Results
 from stages.policy.avoidance.parameters import ApfParameters, Avoidance
 from stages.policy.avoidance.shapes import REACH, distance_at
@@ -25,18 +25,19 @@ Rows = Sequence[Mapping[str, Any]]
 
 def methods_table(results: Results, undisturbed: Results | None) -> Table:
     """How roll-outs end, by method: the paper's Fig. 4 in numbers."""
-    plain = _durations(undisturbed)
+    plain, unit = _durations(undisturbed), "point" if results.is_sweep else ""
     rows = []
     conditions = [condition.name for condition in results.conditions]
     for condition in conditions if len(conditions) > 1 else [""]:
         for method in methods_of(results):
             found = [r for r in results.rows if r["avoidance"] == method and condition in ("", r["condition"])]
             if found:
-                rows.append((*((condition,) if condition else ()), method_title(method), *_cells(found, plain)))
+                rows.append((*((condition,) if condition else ()), method_title(method), *_cells(found, plain, unit)))
+    sizes = (results.points_word, len(results.points)) if unit else ("roll-outs", len(results.rows))
     return Table(
-        caption="How roll-outs among obstacles end, by method. In brackets: 95 % intervals (Wilson). Shares are of the "
-        "roll-outs that could begin. Time: against the same start without obstacles, of those that arrive. Flagged: "
-        "steps on which no velocity kept clear.",
+        caption="How roll-outs among obstacles end, by method. Shares are of the roll-outs that could begin. Time: "
+        "against the same start without obstacles, of those that arrive, mean; so is DTW. Flagged: with steps on which "
+        f"no velocity kept clear. {brackets(*sizes)}.",
         columns=(
             *(("condition",) if len(conditions) > 1 else ()),
             "method",
@@ -49,43 +50,36 @@ def methods_table(results: Results, undisturbed: Results | None) -> Table:
             "flagged",
             "largest rise of V [mm²]",
             "least clearance [mm]",
-            "time",
+            "time [x]",
             "DTW [mm]",
         ),
         rows=tuple(rows),
     )
 
 
-def _cells(rows: Rows, plain: Mapping[tuple[str, str, str], float]) -> tuple[str, ...]:
+def _cells(rows: Rows, plain: Mapping[tuple[str, str, str], float], unit: str) -> tuple[str, ...]:
+    """Cells of a method; `unit`: column by which roll-outs are resampled, "": each alone."""
     begun = [r for r in rows if r["outcome"] not in REFUSED]
     refused = len(rows) - len(begun)
     if not begun:
         return ("0", *([MISSING] * 4), number(refused), *([MISSING] * 5))
-    ratios = [
-        r["duration_s"] / plain[r["point"], r["dataset"], r["demo"]]
-        for r in begun
-        if r["outcome"] == Outcome.ARRIVED and (r["point"], r["dataset"], r["demo"]) in plain
-    ]
+    arrived = [r for r in begun if r["outcome"] == Outcome.ARRIVED]
+    timed = [r for r in arrived if (r["point"], r["dataset"], r["demo"]) in plain]
+    ratios = [r["duration_s"] / plain[r["point"], r["dataset"], r["demo"]] for r in timed]
     clear = [r["clearance_min_mm"] for r in begun if r["clearance_min_mm"] is not None]
     return (
         number(len(begun)),
         share(sum(r["outcome"] in COLLISIONS for r in begun), len(begun)),
-        share(sum(r["outcome"] == Outcome.ARRIVED for r in begun), len(begun)),
+        share(len(arrived), len(begun)),
         number(sum(r["outcome"] == Outcome.TRAPPED for r in begun)),
         number(sum(r["outcome"] in (Outcome.TIMEOUT, Outcome.DIVERGED) for r in begun)),
         number(refused) if refused else MISSING,
         number(sum(r["flagged_steps"] > 0 for r in begun)),
         number(max(r["lyapunov_rise_max"] for r in begun) * MM**2),
         number(min(clear)) if clear else MISSING,
-        f"{number(float(np.mean(ratios)))} x".replace(" ", NO_BREAK) if ratios else MISSING,
-        number(mean(r["dtw_mm"] for r in begun if r["outcome"] == Outcome.ARRIVED), 4),
+        spread_cell(ratios, [r[unit] for r in timed] if unit else range(len(timed)), "time"),
+        mean_cell(arrived, "dtw_mm", 4, unit=unit),
     )
-
-
-def share(count: int, total: int) -> str:
-    """A counted share with its interval."""
-    low, high = wilson(count, total)
-    return f"{percent(count / total)} ({percent(low)} to {percent(high)})".replace(" ", NO_BREAK)
 
 
 def _durations(undisturbed: Results | None) -> dict[tuple[str, str, str], float]:
@@ -109,42 +103,37 @@ def declared(results: Results) -> dict[str, Avoidance]:
     return {method_name(method): method for method in results.shown.rollout_parameters.avoidances}
 
 
-def systems_table(results: Results) -> Table | None:
-    """Converged without collision by dimension and system; none where all points are alike in these."""
+def systems_tables(results: Results) -> tuple[Table, ...]:
+    """Collided, and converged without collision, by dimension and system; none where all points are alike in these."""
     kinds = group(results.rows, lambda row: _system(results, row["point"]))
     if len(kinds) < 2:
-        return None
+        return ()
     methods = methods_of(results)
-    rows = []
-    for (dimension, linear), members in sorted(kinds.items(), key=lambda item: (item[0][0], not item[0][1])):
-        for condition in dict.fromkeys(row["condition"] for row in members):
-            cells = []
-            for method in methods:
-                begun = [
-                    r
-                    for r in members
-                    if (r["avoidance"], r["condition"]) == (method, condition) and r["outcome"] not in REFUSED
-                ]
-                cells.append(_ended(begun))
-            rows.append((f"{dimension}-D", "linear, K = 1" if linear else "LPV-DS", condition, *cells))
-    return Table(
-        caption="By dimension and system: collided / converged without collision, of the roll-outs that could begin",
-        columns=("dimension", "system", "condition", *(method_title(method) for method in methods)),
-        rows=tuple(rows),
-    )
+    tables = []
+    for said, outcomes in (("converged without collision", (Outcome.ARRIVED,)), ("collided", COLLISIONS)):
+        rows = []
+        for (dimension, linear), members in sorted(kinds.items(), key=lambda item: (item[0][0], not item[0][1])):
+            for condition in dict.fromkeys(row["condition"] for row in members):
+                cells = []
+                for method in methods:
+                    own = [r for r in members if (r["avoidance"], r["condition"]) == (method, condition)]
+                    begun = [r for r in own if r["outcome"] not in REFUSED]
+                    cells.append(share(sum(r["outcome"] in outcomes for r in begun), len(begun)))
+                rows.append((f"{dimension}-D", "linear, K = 1" if linear else "LPV-DS", condition, *cells))
+        tables.append(
+            Table(
+                caption=f"By dimension and system: {said}, of the roll-outs that could begin. {SHARES}",
+                columns=("dimension", "system", "condition", *(method_title(method) for method in methods)),
+                rows=tuple(rows),
+            )
+        )
+    return tuple(tables)
 
 
 def _system(results: Results, point: str) -> tuple[int, bool]:
     """Dimension, and whether the system is linear."""
     found = next(p for p in results.points if p.point.id == point)
     return found.model.dimension, found.model.mixture.components == 1
-
-
-def _ended(rows: Rows) -> str:
-    if not rows:
-        return MISSING
-    collided, arrived = (sum(r["outcome"] in names for r in rows) for names in (COLLISIONS, (Outcome.ARRIVED,)))
-    return f"{percent(collided / len(rows))} / {percent(arrived / len(rows))}"
 
 
 def range_table(results: Results) -> Table | None:
@@ -164,11 +153,11 @@ def range_table(results: Results) -> Table | None:
                     counted[1] += row["outcome"] != Outcome.ARRIVED
         for holds in (True, False):
             total, missed = inside[holds]
-            cells += [number(total), share(missed, total) if total else MISSING]
+            cells += [number(total), share(missed, total)]
         reach = "the obstacle's radius" if method.range is None else f"{given(method.range * MM)} mm"
         rows.append((method_title(name), reach, *cells))
     return Table(
-        caption="When the potential field misses the goal. Missed: neither arrived nor collided",
+        caption=f"When the potential field misses the goal. Missed: neither arrived nor collided. {SHARES}",
         groups=(("", 2), ("goal within range of an obstacle", 2), ("goal out of range of all", 2)),
         columns=("method", "range", "roll-outs", "missed", "roll-outs", "missed"),
         rows=tuple(rows),
@@ -205,7 +194,7 @@ def traps_table(results: Results) -> Table | None:
                 (
                     kind_name(kind),
                     method_title(name),
-                    f"{sum(n > 0 for n in traps)} of {len(traps)}".replace(" ", NO_BREAK),
+                    tally(sum(n > 0 for n in traps), len(traps)),
                     number(sum(traps)) + ("" if complete else " (sampled)"),
                     number(len(begun)),
                     number(sum(r["outcome"] == Outcome.TRAPPED for r in begun)),
@@ -217,7 +206,7 @@ def traps_table(results: Results) -> Table | None:
     return Table(
         caption="Traps: minima of V on an obstacle, from which no velocity brings V down. Found before the roll-outs: "
         "of spheres and a quadratic V all of them, else by sampling surfaces. A detour leaves a trap; V rises on its "
-        "way, and is lower at its end",
+        f"way, and is lower at its end. {SHARES}",
         columns=(
             "dynamics",
             "method",

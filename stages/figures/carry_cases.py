@@ -50,7 +50,7 @@ class Held:
     @property
     def title(self) -> str:
         """What pictures call it."""
-        law = {"paper": ", as printed", "robust": "", NO_LAW: ""}[self.law]
+        law = ", as printed" if self.law == "paper" and "printed" not in self.condition else ""
         return ", ".join([self.condition + law, *self._apart])
 
     @property

@@ -11,10 +11,9 @@ import numpy as np
 
 from pipeline.report import Table
 from stages.evaluate.force import BAND
-from stages.evaluate.summary import mean
 from stages.figures.carry_cases import LAWS, Held
+from stages.figures.intervals import SHARES, brackets, mean_cell, spread_cell, tally
 from stages.figures.numbers import MISSING, MM, given, kind_name, number, percent, span
-from stages.figures.shares import of
 from stages.policy.estimation import FIRM
 from stages.policy.outcome import Outcome
 
@@ -34,10 +33,10 @@ def delivery_table(groups: Sequence[Held]) -> Table:
             (
                 *lead(held),
                 span(errors) if errors else MISSING,
-                of(len(delivered), len(held.rows)),
+                tally(len(delivered), len(held.rows)),
                 number(sum(row["dropped"] for row in held.rows)),
                 _otherwise(held.rows),
-                number(mean(row["delivery_error_mm"] for row in delivered)),
+                mean_cell(delivered, "delivery_error_mm"),
                 number(_most(delivered, "delivery_error_mm")),
                 number(_most(held.rows, "tilt_max_deg")),
                 *(cell for part in (firm, weak) for cell in _slip(part)),
@@ -46,7 +45,8 @@ def delivery_table(groups: Sequence[Held]) -> Table:
     return Table(
         caption="Delivered: let go upright, within 20 mm of the goal; errors are of those. Dropped: fell. Tilt, and "
         "slip on the pads: largest while carried, those that lost the box included. Grip ratio: "
-        f"2 mu F_{{d}}/(m g); below {given(FIRM)} a box may creep, and is counted apart",
+        f"2 mu F_{{d}}/(m g); below {given(FIRM)} a box may creep, and is counted apart. "
+        f"{brackets('roll-outs', largest(groups))}",
         groups=(
             ("", len(heads) + 4),
             ("error of delivery [mm]", 2),
@@ -84,13 +84,13 @@ def force_table(groups: Sequence[Held]) -> Table:
                 number(len(carried)),
                 span(held.desired),
                 span(held.settles) if held.settles else MISSING,
-                number(mean(means)),
+                mean_cell(carried, "force_mean_n"),
                 span(means) if means else MISSING,
-                *([number(mean(beyond))] if biased else []),
-                number(mean(row["force_std_n"] for row in carried)),
+                *([spread_cell(beyond, range(len(beyond)), "beyond")] if biased else []),
+                mean_cell(carried, "force_std_n"),
                 number(min((row["force_p5_n"] for row in carried), default=None)),
                 number(_most(carried, "force_p95_n")),
-                _share(mean(row["band_fraction"] for row in carried)),
+                mean_cell(carried, "band_fraction", ratio=True),
                 _share(min((row["band_fraction"] for row in carried), default=None)),
             )
         )
@@ -101,7 +101,7 @@ def force_table(groups: Sequence[Held]) -> Table:
     if biased:
         caption += "; beyond the bias: plus the mean bias of the sensors, which the arms cannot know"
     return Table(
-        caption=caption,
+        caption=f"{caption}. {brackets('roll-outs', largest(groups), shares=False)}",
         groups=(
             ("", len(heads) + 3),
             ("mean force [N]", 3 if biased else 2),
@@ -182,14 +182,19 @@ def failures_table(groups: Sequence[Held]) -> Table | None:
         counted = Counter(row["outcome"] for row in held.rows if row["outcome"] != Outcome.ARRIVED)
         for outcome, count in counted.items():
             remedy = next((o.remedy for o in Outcome if o.value == outcome), "")
-            rows.append((held.title, LAWS[held.law], of(count, len(held.rows)), outcome, remedy))
+            rows.append((held.name, LAWS[held.law], tally(count, len(held.rows)), outcome, remedy))
     if not rows:
         return None
     return Table(
-        caption="Boxes that were not delivered",
+        caption=f"Boxes that were not delivered. {SHARES}",
         columns=("condition", "pressing", "roll-outs", "outcome", "what helps"),
         rows=tuple(rows),
     )
+
+
+def largest(groups: Sequence[Held]) -> int:
+    """Roll-outs of the group that has most."""
+    return max(len(held.rows) for held in groups)
 
 
 def _heads(groups: Sequence[Held]) -> tuple[tuple[str, ...], Callable[[Held], tuple[str, ...]]]:

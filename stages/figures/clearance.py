@@ -114,11 +114,3 @@ def _limits(lines: Sequence[Line]) -> tuple[float, float]:
     if not top > 0.0:  # all begin inside
         top = max(HIGH * max(float(line.clearance.max()) * MM for line in lines), 1.0)
     return min(-0.12 * top, HIGH * min(first)), top
-
-
-def wilson(count: int, total: int, z: float = 1.959964) -> tuple[float, float]:
-    """95 % interval of a share that was counted as `count` of `total`: Wilson's score interval (1927)."""
-    share, n = count / total, float(total)
-    middle = share + z * z / (2.0 * n)
-    half = z * float(np.sqrt(share * (1.0 - share) / n + z * z / (4.0 * n * n)))
-    return max((middle - half) / (1.0 + z * z / n), 0.0), min((middle + half) / (1.0 + z * z / n), 1.0)

@@ -12,9 +12,9 @@ from typing import Any
 from pipeline.report import Paragraph, Section, Table
 from stages.figures.carry_cases import Held, carry_parameters, held_groups
 from stages.figures.carry_section import is_plain
+from stages.figures.intervals import SHARES, tally
 from stages.figures.numbers import MISSING, MM, given, number, span
 from stages.figures.results import Results
-from stages.figures.shares import of
 from stages.policy.estimation import FIRM
 from stages.rollout.carry_conditions import mode_of
 
@@ -92,7 +92,7 @@ def grips_table(groups: Sequence[Held]) -> Table:
         rows.append(
             (
                 held.name,
-                of(sum(bool(row["delivered"]) for row in held.rows), len(held.rows)),
+                tally(sum(bool(row["delivered"]) for row in held.rows), len(held.rows)),
                 span(held.desired),
                 number(min(ratios)),
                 _range([row["force_mean_n"] for row in held.rows]),
@@ -104,7 +104,7 @@ def grips_table(groups: Sequence[Held]) -> Table:
         )
     return Table(
         caption="How the same boxes were held, least to most over the boxes. Least grip ratio: 2 mu F_{d}/(m g) with "
-        "F_{d} as it was in the end",
+        f"F_{{d}} as it was in the end. {SHARES}",
         columns=(
             "condition",
             "delivered",

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from stages.figures.deviation import Deviation, Resolved, Strayed
+from stages.figures.intervals import of
 from stages.figures.numbers import MINUS, MM, given, joined, number, span
-from stages.figures.shares import of
 from stages.policy.coupling import gate_for
 from stages.rollout.carry_conditions import mode_of
 from stages.rollout.parameters import ArmDisturbance, CarryParameters, Drag, Force

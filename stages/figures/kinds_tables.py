@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.report import Table
-from stages.figures.accuracy import FEW, Bar, bootstrap_interval, changes
+from stages.figures.accuracy import Bar, changes
 from stages.figures.accuracy_section import MULTI_MODELS, change_cell
 from stages.figures.flow import PLANAR
+from stages.figures.intervals import FEW, SHARES, brackets, mean_interval, of, tally, with_interval
 from stages.figures.kinds_compared import MEASURES, Comparison
 from stages.figures.numbers import MINUS, MISSING, MM, NO_BREAK, kind_name, number, span
 from stages.figures.results import Results
@@ -33,15 +34,14 @@ def errors(comparison: Comparison) -> Table:
                 values = choice.errors(kind, name)
                 cells += [_mean(values, f"{name}/{kind}{note}", digits), number(float(np.median(values)), digits)]
             arrived, rollouts = sum(unit.arrived for unit in units), sum(unit.rollouts for unit in units)
-            rows.append((kind_name(kind), f"{len(units)}{note}", *cells, _of(arrived, rollouts)))
-    word = comparison.word
+            rows.append((kind_name(kind), f"{len(units)}{note}", *cells, tally(arrived, rollouts)))
+    word, many = comparison.word, max(map(len, comparison.units.values()))
     over = "" if word == "demonstrations" else f"Means over demonstrations, then over {word}. "
-    many = "In brackets: 95 % interval of the mean (bootstrap). " if _many(comparison) else ""
     branches = (
         f"Of {MULTI_MODELS} the training demonstrations show one branch only." if len(_choices(comparison)) > 1 else ""
     )
     return Table(
-        caption=f"Errors by kind of dynamics: {comparison.case.said}. {over}{many}{branches}".strip(),
+        caption=f"Errors by kind of dynamics: {comparison.case.said}. {over}{brackets(word, many)}. {branches}".strip(),
         groups=(("", 2), *((axis, 2) for _, axis, _, _ in MEASURES), ("", 1)),
         columns=("dynamics", word, *(("mean", "median") * len(MEASURES)), "arrived"),
         rows=tuple(rows),
@@ -81,7 +81,8 @@ def one_by_one(comparison: Comparison) -> Table:
     ]
     word = comparison.word[:-1]
     return Table(
-        caption=f"Errors by {word} and kind of dynamics",
+        caption=f"Errors by {word} and kind of dynamics"
+        + ("" if word == "demonstration" else ", means over demonstrations, too few of each for an interval"),
         groups=(("", 1), *((axis, len(kinds)) for _, axis, *_ in MEASURES)),
         columns=(word, *(kind_name(kind) for _ in MEASURES for kind in kinds)),
         rows=tuple(zip(names, *cells, strict=True)),
@@ -104,16 +105,17 @@ def proofs(results: Results) -> Table:
                 kind_name(kind),
                 V.replace(" ", NO_BREAK),
                 learned,
-                _of(sum("certificate" in fit for fit in fits), len(fits)),
+                of(sum("certificate" in fit for fit in fits), len(fits)),
                 span([point.condition for point in own.points]),
                 number(max(slopes)) if slopes else MISSING,
                 number(max(row["lyapunov_rise_max"] for row in own.rows) * MM**2),
-                _of(sum(row["outcome"] == "arrived" for row in own.rows), len(own.rows)),
+                tally(sum(row["outcome"] == "arrived" for row in own.rows), len(own.rows)),
             )
         )
     columns = ("dynamics", "V", "learned of it", "certified", "condition of P", "steepest slope of psi")
     return Table(
-        caption="What is learned of V and proved of each system; all controllers under all conditions",
+        caption="What is learned of V and proved of each system; all controllers under all conditions. "
+        f"{SHARES}; a certificate is proved, and needs none",
         columns=(*columns, "largest rise of V [mm²]", "arrived"),
         rows=tuple(rows),
     )
@@ -135,12 +137,5 @@ def _many(comparison: Comparison) -> bool:
 
 
 def _mean(values: Array, name: str, digits: int) -> str:
-    text = number(float(values.mean()), digits)
-    if values.shape[0] >= FEW:
-        low, high = bootstrap_interval(values, name)
-        text += f" ({number(low, digits)} to {number(high, digits)})"
-    return text.replace(" ", NO_BREAK)
-
-
-def _of(count: int, total: int) -> str:
-    return f"{count} of {total}".replace(" ", NO_BREAK)
+    ends = mean_interval(values.tolist(), range(values.shape[0]), name)
+    return with_interval(number(float(values.mean()), digits), ends and [number(end, digits) for end in ends])

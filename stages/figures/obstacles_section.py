@@ -18,7 +18,7 @@ from stages.figures.avoidance_tables import (
     methods_of,
     methods_table,
     range_table,
-    systems_table,
+    systems_tables,
     traps_table,
 )
 from stages.figures.clearance import Line, clearance_panel, method_colour, method_keys
@@ -38,7 +38,7 @@ def obstacles_section(results: Results) -> Section | None:
         return None
     blocks: list[Block] = [_fig4(among), _clearances(among), methods_table(among, results.own.part(among=False))]
     every = results.part(among=True)
-    tables = [systems_table(among), range_table(among), None if every is None else traps_table(every)]
+    tables = [*systems_tables(among), range_table(among), None if every is None else traps_table(every)]
     blocks += [table for table in tables if table is not None]
     caught = None if every is None else _caught(every)
     if caught is not None:

@@ -12,12 +12,12 @@ import numpy as np
 from pipeline.report import Block, Figure, Key, Panel, Section
 from stages.figures.carry_cases import held_groups
 from stages.figures.clearance import Line, clearance_panel, method_colour, method_keys, styles, whole_extent
+from stages.figures.intervals import of
 from stages.figures.numbers import MM, counted, method_title, number
 from stages.figures.pots_cases import MOST_BOXES, Round, alike, case_title, method_of, rounds
 from stages.figures.pots_panels import round_frame, round_panel
 from stages.figures.pots_tables import methods_table, rounds_table, touched, went_round
 from stages.figures.results import Results
-from stages.figures.shares import of
 from stages.policy.outcome import Outcome
 from stages.trajectory import Array
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from pipeline.report import Table
 from stages.artifacts.rollouts import RecordedCarry
-from stages.evaluate.summary import mean
 from stages.figures.carry_cases import Held
+from stages.figures.carry_tables import largest
+from stages.figures.intervals import brackets, mean_cell, tally
 from stages.figures.numbers import MISSING, MM, given, method_title, number, span
 from stages.figures.pots_cases import method_of
-from stages.figures.shares import of, tally
 from stages.policy.outcome import Outcome
 
 Row = dict[str, Any]
@@ -41,22 +41,22 @@ def methods_table(groups: Sequence[Held]) -> Table:
                 held.name,
                 method_title(method_of(held)[1]),
                 tally(sum(map(went_round, held.rows)), len(held.rows)),
-                of(len(arrived), len(held.rows)),
+                tally(len(arrived), len(held.rows)),
                 _outcomes(held.rows),
                 _least(held.rows, "clearance_min_mm"),
                 *(_touches(held.rows, f"{what}_contacts") for what in ("box", "arm")),
                 *(_least(held.rows, f"{what}_room_min_mm") for what in ("box", "arm")),
-                number(mean(row["duration_s"] for row in arrived)),
+                mean_cell(arrived, "duration_s"),
                 span(refused),
             )
         )
     return Table(
         caption="Round a pot, by method. Went round: delivered, the middle of the box outside of every safety sphere, "
-        "and nothing touched a pot; in brackets: 95 % intervals (Wilson). A box that is delivered after it has touched "
-        "one does not count. Least clearance: of the box's middle from the sphere, negative: inside. Touched: "
-        "roll-outs in which the box, or an arm, touched a pot. Least room: between pot and box, pot and arm. Duration: "
-        "of those delivered, mean. Refused: scenes of each box that were drawn before, and left no way that the arms "
-        "can reach",
+        "and nothing touched a pot. A box that is delivered after it has touched one does not count. Least clearance: "
+        "of the box's middle from the sphere, negative: inside. Touched: roll-outs in which the box, or an arm, "
+        "touched a pot. Least room: between pot and box, pot and arm. Duration: of those delivered, mean. Refused: "
+        "scenes of each box that were drawn before, and left no way that the arms can reach. "
+        f"{brackets('roll-outs', largest(groups))}",
         groups=(("", 5), ("", 1), ("touched", 2), ("least room [mm]", 2), ("", 2)),
         columns=(
             "condition",

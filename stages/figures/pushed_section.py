@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pipeline.report import Figure, Key, Panel, Paragraph, Section
 from stages.figures.carry_cases import COLOURS, LAWS, Held, difference, held_groups
 from stages.figures.carry_panels import ARMS
+from stages.figures.intervals import of
 from stages.figures.numbers import MISSING, MM, counted, given, joined, number, span
 from stages.figures.pushed_cases import Shown, chosen, following_of, scales
 from stages.figures.pushed_panels import Scales, series_panel, spans, ways_frame, ways_panel
@@ -22,7 +23,6 @@ from stages.figures.pushed_tables import (
     pushes_table,
 )
 from stages.figures.results import Results
-from stages.figures.shares import of
 from stages.policy.outcome import Outcome
 
 COLUMNS = 3

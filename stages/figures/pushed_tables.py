@@ -10,10 +10,10 @@ import numpy as np
 from pipeline.report import Table
 from stages.evaluate.force import BAND
 from stages.evaluate.pushed import AWAY
-from stages.evaluate.summary import mean
 from stages.figures.carry_cases import Held, asks, difference
+from stages.figures.carry_tables import largest
+from stages.figures.intervals import SHARES, brackets, mean_cell, tally
 from stages.figures.numbers import MISSING, MM, given, number, percent, span
-from stages.figures.shares import tally
 from stages.rollout.carry_guard import TILTED
 
 SLIPPED = 10.0
@@ -45,15 +45,25 @@ def false_alarm(row: dict[str, Any]) -> bool:
     return row["pushed"] is None and row["named"] is not None
 
 
+def changed(row: dict[str, Any]) -> str:
+    """What a roll-out, from its row, does otherwise than the robust form, in words for a column of them."""
+    told = difference(row)
+    return "nothing" if told == MISSING else told
+
+
 def ablations_table(groups: Sequence[Held]) -> Table:
-    """What became of boxes, by what was left out of the strategy, pushed and not."""
+    """What became of boxes, by what was left out of the strategy: those that were pushed, and at first one calm case.
+
+    Further calm cases are about what is known of the box, and say nothing of the strategy.
+    """
+    calm = [held for held in groups if not held.pushed][:1]
     rows = []
-    for held in groups:
+    for held in [*calm, *(held for held in groups if held.pushed)]:
         pushed = sum(row["pushed"] is not None for row in held.rows)
         rows.append(
             (
                 held.name,
-                difference(held.rows[0]),
+                changed(held.rows[0]),
                 number(pushed) if held.pushed else MISSING,
                 tally(sum(bool(row["delivered"]) for row in held.rows), len(held.rows)),
                 tally(sum(map(held_well, held.rows)), len(held.rows)),
@@ -64,14 +74,14 @@ def ablations_table(groups: Sequence[Held]) -> Table:
         )
     low, high = (given(share * groups[0].given[0]) for share in BAND)
     return Table(
-        caption="The same boxes, pushed in the same way, each time with one thing left out. Pushed: as some are lost "
-        f"before. Held well: delivered, never tilted by {given(TILTED)} degrees nor slipped by {given(SLIPPED)} mm. "
-        f"In the band: both forces within {low} to {high} N for {percent(IN_BAND)} of the time in which the box was "
-        "carried, delivered or not. In brackets: 95 % intervals (Wilson)",
+        caption="Ablations: the same boxes, each time with one part of the strategy left out, or as printed. Pushed: "
+        "how many were, as some are lost before; a dash: nobody was to be. Held well: delivered, never tilted by "
+        f"{given(TILTED)} degrees nor slipped by {given(SLIPPED)} mm. In the band: both forces within {low} to {high} "
+        f"N for {percent(IN_BAND)} of the time in which the box was carried, delivered or not. {SHARES}",
         groups=(("", 3), ("boxes", 3), ("largest", 2)),
         columns=(
             "condition",
-            "otherwise than robust",
+            "what is different",
             "pushed",
             "delivered",
             "held well",
@@ -93,13 +103,13 @@ def following_table(groups: Sequence[Held]) -> Table:
         rows.append(
             (
                 held.name,
-                difference(held.rows[0]),
+                changed(held.rows[0]),
                 tally(sum(map(named_right, told)), len(told)),
                 tally(sum(map(false_alarm, calm)), len(calm)),
                 _most(pushed, "deviation_max_mm"),
                 _most(pushed, "moved_while_away_mm"),
                 _most(pushed, "box_back_mm"),
-                number(mean(row["recovery_s"] for row in pushed)),
+                mean_cell(pushed, "recovery_s"),
             )
         )
     return Table(
@@ -107,11 +117,11 @@ def following_table(groups: Sequence[Held]) -> Table:
         "other; false alarms: an arm was, though nobody pushed; a dash: nobody asks, or nobody was pushed. Away: the "
         f"pads' midpoint, beside x; x moved: while that was more than {given(AWAY * MM)} mm; box back: how far it was "
         "from its place beside x when x went on after waiting. Recovery: from the push's end until x moved, mean. "
-        "Where x does not wait it is what is commanded, and goes along",
+        f"Where x does not wait it is what is commanded, and goes along. {brackets('roll-outs', largest(groups))}",
         groups=(("", 2), ("roll-outs", 2), ("largest [mm]", 3), ("", 1)),
         columns=(
             "condition",
-            "otherwise than robust",
+            "what is different",
             "named right",
             "false alarms",
             "away",

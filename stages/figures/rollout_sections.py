@@ -48,7 +48,7 @@ def _fig2(results: Results) -> Figure:
     paths = {case: [path_of(r) for r in found] for case, found in cases.items()}
     extents = {plane: frame(scene, list(paths.values()), plane) for plane in planes([*scene.train, *scene.test])}
     colours = controller_colours(results.controllers)
-    columns = min(MOST_COLUMNS, len(results.controllers)) if len(results.controllers) > 1 else min(2, len(paths))
+    columns = min(MOST_COLUMNS, max(2, len(results.controllers)))
     if len(extents) > 1:
         columns = len(extents)
     panels = []

@@ -5,6 +5,7 @@ Results in, sections out. The other sections have modules of their own.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from pipeline.report import Block, Code, Paragraph, Section
 from stages.evaluate.summary import by_condition
 from stages.figures.accuracy_section import accuracy_section
+from stages.figures.animation import carry_animation
 from stages.figures.carry_section import carry_section, carry_sentence
 from stages.figures.certificates_section import certificates
 from stages.figures.estimates_section import estimates_section
@@ -36,8 +38,13 @@ from stages.figures.sampler_section import sampler_section
 from stages.figures.tables import facts, metrics
 
 
-def lead(results: Results) -> list[Block]:
-    """The head: description, the result in a sentence, how to get it again."""
+def lead(results: Results, options: Sequence[str] = ()) -> list[Block]:
+    """The head: description, the result in a sentence, how to get it again.
+
+    Arguments:
+        results: what came out.
+        options: words of the command line that changed the experiment.
+    """
     experiment = results.experiment
     points = results.carrying(arms=False)
     free = None if points is None else points.own.part(among=False)
@@ -50,11 +57,24 @@ def lead(results: Results) -> list[Block]:
         "" if points is None else kinds_sentence(points),
         "" if free is None else result_sentence(free.rows),
     ]
-    changed = " Options of the command changed the experiment for this report." if experiment.overridden else ""
+    changed = ""
+    if experiment.overridden:
+        changed = (
+            " Options of the command changed the experiment for this report; `verify` is of it as its file has it."
+        )
     return [
         Paragraph(text=(experiment.description or "An experiment without a description.") + changed),
         Paragraph(text=" ".join(sentence for sentence in sentences if sentence)),
-        Code(text=f"clpv run {experiment.name}\nclpv verify {experiment.name}"),
+        Code(text="\n".join(_commands(experiment.name, options))),
+    ]
+
+
+def _commands(name: str, options: Sequence[str]) -> list[str]:
+    """What to type to get the results, check them and write the report again, for a shell."""
+    return [
+        shlex.join(["clpv", "run", name, *options]),
+        shlex.join(["clpv", "verify", name]),
+        shlex.join(["clpv", "report", name, *options]),
     ]
 
 
@@ -78,12 +98,8 @@ def sections(results: Results) -> list[Section]:
         of_kind = f" \u00b7 {kind_name(results.kind)}"
         shown = [section and replace(section, title=section.title + of_kind) for section in shown]
     obstacles = None if points is None else obstacles_section(points)
-    arms = own.carrying(arms=True)
     made = [
-        pushed_section(arms),
-        pots_section(arms),
-        carry_section(arms),
-        estimates_section(arms),
+        *_of_arms(own.carrying(arms=True)),
         obstacles,
         kinds,
         *shown,
@@ -91,6 +107,15 @@ def sections(results: Results) -> list[Section]:
         provenance(results),
     ]
     return [section for section in made if section is not None]
+
+
+def _of_arms(arms: Results | None) -> list[Section]:
+    """What shows two arms that carry a box, a moving picture first; nothing where none do."""
+    if arms is None:
+        return []
+    made = [pushed_section(arms), pots_section(arms), carry_section(arms), estimates_section(arms)]
+    first, *others = [section for section in made if section is not None]
+    return [replace(first, blocks=(carry_animation(arms.shown), *first.blocks)), *others]
 
 
 def result_sentence(rows: Sequence[dict[str, Any]]) -> str:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.report import Block, Section, Table
-from stages.evaluate.summary import by_condition, group, mean
+from stages.evaluate.summary import KEYS, by_condition, group, mean
 from stages.figures.conditions import said
+from stages.figures.intervals import FEW, SHARES, brackets, change_interval, mean_cell, of, tally, with_interval
 from stages.figures.numbers import (
     MISSING,
     MM,
-    NO_BREAK,
     UNDISTURBED,
     condition_name,
     controller_name,
@@ -43,26 +43,31 @@ MEASURES = (
 
 def metrics(results: Results) -> Section:
     """Means by controller and condition; all roll-outs of a single experiment, the motions of a sweep."""
-    groups = by_condition(results.rows)
+    unit = "point" if results.is_sweep else ""
+    groups = group(results.rows, lambda row: tuple(row[name] for name in KEYS)).values()
     rows = tuple(
         (
-            controller_name(label(g)),
-            condition_name(g["condition"]),
-            f"{g['arrived']} of {g['rollouts']}".replace(" ", NO_BREAK),
-            *(number(g[name], digits) for name, _, digits in MEASURES),
+            controller_name(label(members[0])),
+            condition_name(members[0]["condition"]),
+            tally(sum(row["outcome"] == Outcome.ARRIVED for row in members), len(members)),
+            *(mean_cell(members, name, digits, unit=unit) for name, _, digits in MEASURES),
         )
-        for g in groups
+        for members in groups
     )
+    over, most = "roll-outs", max(map(len, groups))
+    if results.is_sweep:
+        over, most = results.points_word, len(results.points)
     summary = Table(
-        caption="Means by controller and condition. Recovery: from the push until x moves again.",
+        caption="Means by controller and condition. Recovery: from the push until x moves again. "
+        f"{brackets(over, most)}.",
         columns=("controller", "condition", "arrived", *(title for _, title, _ in MEASURES)),
         rows=rows,
     )
     blocks: list[Block] = [summary]
     if results.is_sweep:
         blocks += [
-            _by_point(results, "dtw_mm", "Dynamic time warping by {}, mm (mean over demonstrations)", 4),
-            _by_point(results, "sea_per_step_mm2", "DTWD, eq. (26), by {}, mm² (mean over demonstrations)", 3),
+            _by_point(results, "dtw_mm", "Dynamic time warping by {}, mm", 4),
+            _by_point(results, "sea_per_step_mm2", "DTWD, eq. (26), by {}, mm²", 3),
         ]
     else:
         blocks.append(_all_rows(results))
@@ -97,7 +102,7 @@ def _by_point(results: Results, measure: str, caption: str, digits: int) -> Tabl
         rows.append((point.name, str(point.model.mixture.components), *values))
     word = results.points_word[:-1]
     return Table(
-        caption=caption.format(word),
+        caption=caption.format(word) + " (mean over demonstrations, too few of each for an interval)",
         groups=(("", 2), *((controller_name(name), len(conditions)) for name in results.controllers)),
         columns=(word, "K", *(condition_name(c) for _ in results.controllers for c in conditions)),
         rows=tuple(rows),
@@ -108,7 +113,7 @@ def _by_point(results: Results, measure: str, caption: str, digits: int) -> Tabl
 def facts(results: Results) -> Section:
     """What can be counted: certificates, arrivals, gates, rises of V."""
     certified = sum("certificate" in p.fit for p in results.points)
-    rows = [("Fits with a certificate of stability", f"{certified} of {len(results.points)}", "")]
+    rows = [("Fits with a certificate of stability", of(certified, len(results.points)), "")]
     groups = by_condition(results.rows)
     rise = max(row["lyapunov_rise_max"] for row in results.rows)
     rows.append(
@@ -119,12 +124,16 @@ def facts(results: Results) -> Section:
         )
     )
     rows += _energy(results)
-    rows += _pace(groups)
+    rows += _pace(results)
     rows += _gates(results)
     late = sum(r.displaced < 0 for p in results.points for r in p.rollouts if r.condition in _pushing(results))
     if late:
         rows.append(("Roll-outs that ended before their disturbance", str(late), ""))
-    table = Table(caption="Counted over all roll-outs", columns=("fact", "found", "remark"), rows=tuple(rows))
+    over, most = "demonstrations", len({row["demo"] for row in results.rows})
+    if results.is_sweep:
+        over, most = results.points_word, len(results.points)
+    caption = f"Counted over all roll-outs. {brackets(over, most)}. A certificate is proved, and needs none"
+    table = Table(caption=caption, columns=("fact", "found", "remark"), rows=tuple(rows))
     blocks: list[Block] = [table, _arrivals(results, groups)]
     missed = [row for row in results.rows if row["outcome"] != Outcome.ARRIVED]
     if missed:
@@ -152,20 +161,26 @@ def _pushing(results: Results) -> set[str]:
     return {c.name for c in results.conditions if c.disturbances}
 
 
-def _pace(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Steps of each coupled controller against the plain one, undisturbed."""
-    steps = {label(g): g["steps"] for g in groups if g["condition"] == UNDISTURBED}
-    if "lpvds" not in steps:
-        return []
-    return [
-        (
-            f"Steps of {controller_name(name)} to steps of plain LPV-DS, undisturbed",
-            number(value / steps["lpvds"], 4),
-            "",
-        )
-        for name, value in steps.items()
-        if name != "lpvds"
-    ]
+def _pace(results: Results) -> list[tuple[str, str, str]]:
+    """Steps of each coupled controller against the plain one, undisturbed, in pairs of motions or demonstrations."""
+    unit = "point" if results.is_sweep else "demo"
+    steps: dict[str, dict[Any, float]] = {}
+    undisturbed = [row for row in results.rows if row["condition"] == UNDISTURBED]
+    for (name, own), members in group(undisturbed, lambda row: (label(row), row[unit])).items():
+        steps.setdefault(name, {})[own] = mean(row["steps"] for row in members) or 0.0
+    plain = steps.pop("lpvds", {})
+    rows = []
+    for name, found in steps.items():
+        pairs = np.array([(plain[own], value) for own, value in found.items() if own in plain])
+        if not pairs.size:
+            continue
+        before, after = pairs.T
+        ends = None
+        if after.shape[0] >= FEW:
+            ends = [number(1.0 + end, 4) for end in change_interval(before, after, f"steps/{name}")]
+        ratio = with_interval(number(float(after.mean() / before.mean()), 4), ends)
+        rows.append((f"Steps of {controller_name(name)} to steps of plain LPV-DS, undisturbed", ratio, ""))
+    return rows
 
 
 def _gates(results: Results) -> list[tuple[str, str, str]]:
@@ -187,17 +202,17 @@ def _gates(results: Results) -> list[tuple[str, str, str]]:
                 f"{where}. The push stayed within the gate's tolerance: it left the executed state at most "
                 f"{number(farthest * MM)} mm from x, and the gate closes beyond {span(gates)} mm."
             )
-        found = f"{len(never)} of {len(pushed)}"
+        found = tally(len(never), len(pushed))
         rows.append((f"Pushed roll-outs of {controller_name(name)} whose gate never closed", found, remark))
     return rows
 
 
 def _arrivals(results: Results, groups: Sequence[Mapping[str, Any]]) -> Table:
     conditions = [c.name for c in results.conditions]
-    counted = {(label(g), g["condition"]): f"{g['arrived']} of {g['rollouts']}" for g in groups}
+    counted = {(label(g), g["condition"]): tally(g["arrived"], g["rollouts"]) for g in groups}
     distance = results.shown.rollout_parameters.stop_distance * MM
     return Table(
-        caption=f"Roll-outs that reached the goal (executed state and x within {given(distance)} mm)",
+        caption=f"Roll-outs that reached the goal (executed state and x within {given(distance)} mm). {SHARES}",
         columns=("controller", *(condition_name(c) for c in conditions)),
         rows=tuple(
             (controller_name(name), *(counted.get((name, c), MISSING) for c in conditions))

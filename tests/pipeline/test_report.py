@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import re
+from base64 import b64decode
 from html.parser import HTMLParser
 
 import pytest
+from pages import check_page
 
 from pipeline.report import (
     MISSING,
     PALETTE,
+    Animation,
     Block,
     Code,
     Figure,
     Key,
+    Link,
     Panel,
     Paragraph,
     Section,
     Table,
     assemble,
-    inline_svg,
+    gif_size,
 )
+from pipeline.report_svg import inline_svg
 
-VOID = {"meta", "link", "br", "img", "hr", "input"}
+VOID = {"meta", "link", "br", "img", "hr", "input", "source"}
 
 SVG = """<?xml version="1.0" encoding="utf-8" standalone="no"?>
 <!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">
@@ -87,6 +92,70 @@ FIGURE = Figure(
     columns=2,
     legend=(Key(label="line", colour="series-1"), Key(label="pushed", colour="ink", mark="arrow")),
 )
+
+
+GIF = b"GIF89a" + (320).to_bytes(2, "little") + (200).to_bytes(2, "little") + bytes(7)
+MOVING = Animation(gif=GIF, still=b"\x89PNG still", alt='A box, "carried".', caption="Fig. 5a, F_{d}")
+
+
+def test_page_of_all_blocks_is_valid() -> None:
+    grouped = Table(
+        caption="C", columns=("n", "v", "w"), rows=(("a", "1", "2"),), groups=(("", 1), ("both", 2)), collapsed=True
+    )
+    link = Link(text="There & back", target="there/report.html")
+    check_page(page(Paragraph(text="a"), Code(text="b"), link, FIGURE, MOVING, table(("c", "1")), grouped))
+
+
+def test_moving_picture_stands_still_where_motion_is_unwanted_and_on_paper() -> None:
+    text = page(MOVING)
+    found = Checker(text)
+    (source,), (image,) = found.of("source"), found.of("img")
+    assert source["media"] == "(prefers-reduced-motion: reduce), print"
+    assert b64decode((source["srcset"] or "").removeprefix("data:image/png;base64,")) == MOVING.still
+    assert b64decode((image["src"] or "").removeprefix("data:image/gif;base64,")) == GIF
+    assert (image["alt"], image["width"], image["height"]) == ('A box, "carried".', "320", "200")
+    assert "<figcaption>Fig. 5a, F<sub>d</sub></figcaption>" in text
+    assert "figure img { display: block; max-width: 100%; height: auto; }" in text
+
+
+def test_moving_picture_has_to_be_a_gif() -> None:
+    assert gif_size(GIF) == (320, 200)
+    with pytest.raises(ValueError, match="GIF"):
+        page(Animation(gif=b"\x89PNG", still=b"", alt="a", caption="c"))
+
+
+def test_link_leads_to_a_page_beside() -> None:
+    text = page(Link(text="a <b>", target='x/"y".html'))
+    assert '<p><a href="x/&quot;y&quot;.html">a &lt;b&gt;</a></p>' in text
+
+
+def test_interval_is_set_back_and_may_stand_on_a_line_of_its_own() -> None:
+    rows = (("a", "5.02 (4.9\u00a0to\u00a05.1)", "6\u00a0of\u00a07 (49\u00a0to\u00a097\u00a0%)", "x (or so)"),)
+    text = page(Table(caption="C", columns=("n", "v", "w", "u"), rows=rows))
+    assert '<td class="n">5.02 <span class="i">(4.9\u00a0to\u00a05.1)</span></td>' in text
+    assert '<td>6\u00a0of\u00a07 <span class="i">(49\u00a0to\u00a097\u00a0%)</span></td>' in text
+    assert "<td>x (or so)</td>" in text
+
+
+def test_many_intervals_stand_below_what_they_are_of() -> None:
+    cells = ("5.02 (4.9\u00a0to\u00a05.1)",)
+    narrow = Table(caption="C", columns=tuple("abc"), rows=(("n", *cells * 2),))
+    wide = Table(caption="C", columns=tuple("abcdefghi"), rows=(("n", *cells * 8),))
+    assert "<table>" in page(narrow)
+    assert '<table class="wide">' in page(wide)
+    assert '<table class="dense wide">' in page(Table(caption="C", columns=("n",) * 14, rows=(("n", *cells * 13),)))
+    assert ".wide .i { display: block; }" in page(wide)
+
+
+def test_numbers_and_what_belongs_to_them_stay_on_one_line() -> None:
+    text = page(Paragraph(text="95 % of it"), table(("a", "5 to 6.92")))
+    assert "95\u00a0% of it" in text
+    assert ">5\u00a0to\u00a06.92<" in text
+
+
+def test_text_is_composed() -> None:
+    text = page(Paragraph(text="x\u0307 and p\u0302"))
+    assert "\u1e8b and p\u0302" in text
 
 
 def test_page_is_balanced_with_unique_ids_and_working_anchors() -> None:

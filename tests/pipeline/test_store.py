@@ -331,7 +331,7 @@ def test_write_atomically(tmp_path, monkeypatch):
     write_atomically(path, "one")
     write_atomically(path, "two\n")
     assert path.read_text() == "two\n"
-    for step in ("write_text", "replace"):
+    for step in ("write_bytes", "replace"):
         with monkeypatch.context() as patched:
             patched.setattr(
                 Path, step, lambda *args, **kwargs: (_ for _ in ()).throw(OSError(errno.EIO, "Input error"))

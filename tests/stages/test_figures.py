@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from drawings import SVG, drawn, strokes, texts
+from pages import check_page
 from support import Invoke, make_project
 
 from pipeline.errors import StaleError, StoreError
@@ -22,12 +23,13 @@ from stages import STAGES
 from stages.dynamics.parameters import PqlfParameters, QlfParameters, WarpedParameters
 from stages.evaluate.parameters import EvaluateParameters
 from stages.figures import numbers
-from stages.figures.accuracy import Bar, bar_panel, bootstrap_interval, changes, highest
+from stages.figures.accuracy import Bar, bar_panel, changes, highest
 from stages.figures.conditions import farthest, said
 from stages.figures.deviation import Deviation, Resolved
 from stages.figures.deviations import deviations
 from stages.figures.experiment import write_report
 from stages.figures.flow import LEVELS, Path, Scene, flow_panel, frame, legend, planes
+from stages.figures.intervals import bootstrap_interval
 from stages.figures.overview import MOST_SAMPLES, Motion, motion_panel
 from stages.figures.recovery import Case, closed_spans, recovery_panel
 from stages.figures.sampler import sampler_panels
@@ -495,24 +497,28 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Project, str]:
 def test_report_of_quickstart(quickstart: tuple[File, dict[str, Any]], tmp_path: File) -> None:
     project = Project.open(quickstart[0], STAGES)
     experiment = project.experiment("quickstart")
-    size = write_report(project, experiment, tmp_path / "a" / "report.html")
+    report = write_report(project, experiment, tmp_path / "a" / "report.html")
     page = (tmp_path / "a" / "report.html").read_bytes()
-    assert size == len(page) < 1_000_000
+    assert report.size == len(page) < 1_000_000
+    assert report.pictures == ()
     write_report(project, experiment, tmp_path / "b.html")
     assert (tmp_path / "b.html").read_bytes() == page
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b.html"]
     found = page.decode()
-    assert "clpv run quickstart\nclpv verify quickstart" in found
+    check_page(found)
+    assert "clpv run quickstart\nclpv verify quickstart\nclpv report quickstart" in found
     assert "32 of 32 roll-outs reached the goal." in found
     assert found.count('role="img"') == 4 + 2 + 1 + 2  # Figs 2 and 3, recovery, sampler
-    assert "<td>1 of 1</td>" in found
+    assert "<td>1\u00a0of\u00a01</td>" in found
     for row in quickstart[1]["summary"]["groups"]:
-        assert f">{numbers.number(row['dtw_mm'], 4)}<" in found
-        assert f">{numbers.number(row['sea_per_step_mm2'])}<" in found
+        # Four demonstrations: each mean has its interval behind it.
+        assert f'>{numbers.number(row["dtw_mm"], 4)} <span class="i">(' in found
+        assert f'>{numbers.number(row["sea_per_step_mm2"])} <span class="i">(' in found
 
 
 def test_report_needs_nothing_and_names_no_place(sweep: tuple[Project, str]) -> None:
     project, page = sweep
+    check_page(page)
     assert "http" not in page
     assert "<script" not in page
     assert str(project.root) not in page
@@ -530,13 +536,16 @@ def test_report_of_a_sweep_shows_every_motion_and_counts(sweep: tuple[Project, s
     for motion in ("Line", "Multi_Models_1", "Angle"):
         assert f'<th scope="row" class="k">{motion}</th>' in page
     assert "Line, Multi_Models_1, Angle" in page  # the swept parameter
-    assert "<td>3 of 3</td>" in page  # certificates
+    assert "<td>3\u00a0of\u00a03</td>" in page  # certificates
 
 
 def test_report_explains_a_gate_that_never_closed(sweep: tuple[Project, str]) -> None:
     _, page = sweep
     assert "Pushed roll-outs of printed CLPV-DS whose gate never closed" in page
-    assert "<td>12 of 12</td><td>nudge [0, \u221210]\u00a0mm: 12. The push stayed within" in page
+    assert (
+        '<td>12\u00a0of\u00a012 <span class="i">(76\u00a0to\u00a0100\u00a0%)</span></td>'
+        "<td>nudge [0, \u221210]\u00a0mm: 12. The push stayed within" in page
+    )
     assert "mm from x, and the gate closes beyond 40 mm." in page
 
 

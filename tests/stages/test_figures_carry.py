@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from drawings import drawn, strokes, texts
 from made_boxes import GOAL, START, box, column, learn, results_of, said, tables, with_boxes
+from pages import check_page
 
 from pipeline.report import Figure, Paragraph, assemble
 from stages.artifacts.demonstrations import write_demonstrations
 from stages.artifacts.metrics import read_metrics
 from stages.dynamics.parameters import QlfParameters
 from stages.evaluate.parameters import EvaluateParameters
+from stages.figures import animation
 from stages.figures.carry_cases import held_groups
 from stages.figures.carry_panels import (
     MOST_LINES,
@@ -33,6 +35,7 @@ from stages.figures.carry_panels import (
 from stages.figures.carry_section import carry_section, carry_sentence, chosen
 from stages.figures.deviation import Deviation, Resolved
 from stages.figures.deviations import deviations
+from stages.figures.intervals import tally
 from stages.figures.numbers import MISSING, NO_BREAK, number
 from stages.figures.results import PointResults, Results
 from stages.figures.sections import lead, sections
@@ -52,6 +55,12 @@ MIXED = (
 )
 
 
+@pytest.fixture(autouse=True)
+def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The moving picture of a report takes seconds; `test_camera.py` looks at it."""
+    monkeypatch.setattr(animation, "PICTURES", 2)
+
+
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Results:
     return learn(tmp_path_factory.mktemp("carry"))
@@ -67,7 +76,7 @@ def test_numbers_in_the_tables_are_those_of_the_rows(learned: Results, tmp_path:
     assert column(delivery, "condition") == ["held", "<stiff>"]
     assert column(delivery, "pressing") == ["admittance, robust", "no compliance"]
     assert column(delivery, "error of L [mm]") == ["0 to 1", "0 to 1"]
-    assert column(delivery, "delivered") == [f"2{NO_BREAK}of{NO_BREAK}2", f"1{NO_BREAK}of{NO_BREAK}2"]
+    assert column(delivery, "delivered") == [tally(2, 2), tally(1, 2)]
     assert column(delivery, "dropped") == ["0", "1"]
     assert column(delivery, "ended otherwise") == [MISSING, "lost-box: 1"]
     assert column(delivery, "error of delivery [mm]", "mean") == ["0", "0"]
@@ -132,7 +141,7 @@ def test_replicates_are_pooled_and_other_points_of_a_sweep_are_not(learned: Resu
 
     pooled = replace(learned, points=tuple(at("rollout.replicate", k, f"replicate={k}") for k in (0, 1, 2)))
     delivery, force, every = tables(carry_section(pooled))
-    assert column(delivery, "delivered") == [f"6{NO_BREAK}of{NO_BREAK}6"]
+    assert column(delivery, "delivered") == [tally(6, 6)]
     assert column(every, "roll-out")[2] == "replicate=1: clpvds-robust/held/0"
     assert [len(held.rollouts) for held in held_groups(pooled)] == [6]
     apart = replace(learned, points=tuple(at("rollout.scene.mass", m, f"mass={m}") for m in (0.2, 0.6)))
@@ -164,6 +173,7 @@ def test_the_whole_report_leaves_out_what_makes_no_sense_and_escapes_names(learn
     results = results_of(learned, tmp_path, MIXED)
     made = sections(results)
     page, shown = assemble("box", lead(results), made), [section.id for section in made]
+    check_page(page)
     assert shown[0] == "carry"
     assert not {"rollouts", "accuracy", "metrics", "recovery", "facts", "obstacles", "kinds"} & set(shown)
     assert {"certificates", "deviations", "parameters", "provenance"} <= set(shown)

@@ -13,6 +13,7 @@ import pytest
 from drawings import strokes, texts
 from hypothesis import given
 from hypothesis import strategies as st
+from pages import check_page
 
 from pipeline.project import Project
 from pipeline.report import Figure, Section, Table, assemble
@@ -23,6 +24,7 @@ from stages.dynamics.warp import Warp
 from stages.figures.candidates import MOST, candidates
 from stages.figures.certificates_section import certificates
 from stages.figures.flow import Path, Scene
+from stages.figures.intervals import of, tally
 from stages.figures.kinds import NEAREST, image_path, image_scene, kind_keys, moving_away, strip_panel, ticks
 from stages.figures.kinds_compared import MEASURES, compare_kinds
 from stages.figures.kinds_section import kinds_section, kinds_sentence
@@ -150,9 +152,11 @@ def test_table_of_errors_with_and_without_motions_of_several_branches(results: R
         motions = ["Line", "Leaf_1"] + ["Multi_Models_1"] * (row[1] == "3")
         for index, (measure, _, _, digits) in enumerate(MEASURES):
             values = [mean_error(results, kind, motion, measure) for motion in motions]
-            assert row[2 + 2 * index] == number(float(np.mean(values)), digits)
+            mean, *interval = row[2 + 2 * index].split(" ")
+            assert mean == number(float(np.mean(values)), digits)
+            assert len(interval) == (len(motions) >= 3)  # of two there is none
             assert row[3 + 2 * index] == number(float(np.median(values)), digits)
-        assert row[-1] == f"{4 * len(motions)}\u00a0of\u00a0{4 * len(motions)}"
+        assert row[-1] == tally(4 * len(motions), 4 * len(motions))
     assert sum(span for _, span in table.groups) == len(table.columns)
 
 
@@ -220,7 +224,7 @@ def test_other_sections_show_the_own_kind_and_say_so(results: Results, made: dic
     assert {row[0] for row in tables(made["certificates"])[1].rows} == {"Line", "Leaf_1", "Multi_Models_1"}
     rows = results.own.rows
     facts = tables(made["facts"])[0].rows
-    assert facts[0][1] == "3 of 3"
+    assert facts[0][1] == of(3, 3)
     arrived = sum(row["outcome"] == "arrived" for row in rows)
     assert lead(results)[1].text.endswith(f"{arrived} of {len(rows)} roll-outs reached the goal.")  # type: ignore[union-attr]
     assert "`dynamics.kind = pqlf` alone" in made["kinds"].blocks[0].text  # type: ignore[union-attr]
@@ -250,6 +254,7 @@ def test_parameters_and_provenance_are_of_all_kinds(made: dict[str, Section]) ->
 
 def test_the_page_is_whole(results: Results, made: dict[str, Section]) -> None:
     page = assemble("kinds", lead(results), list(made.values()))
+    check_page(page)
     assert len(page) < 1_500_000
     assert "kind=" not in page.partition('<section id="provenance"')[0]  # no point is named by its kind
     ids = re.findall(r' id="([^"]+)"', page)

@@ -14,6 +14,7 @@ import pytest
 from drawings import SVG, drawn, strokes, texts
 from hypothesis import given
 from hypothesis import strategies as st
+from pages import check_page
 
 from pipeline.project import Project
 from pipeline.report import Figure, Section, Table, assemble
@@ -21,13 +22,14 @@ from stages import STAGES
 from stages.artifacts.metrics import read_metrics
 from stages.artifacts.rollouts import RecordedRollout, read_rollouts, read_scenes
 from stages.figures.avoidance_deviations import avoidance
-from stages.figures.avoidance_tables import range_table, systems_table
-from stages.figures.clearance import Line, clearance_panel, method_colour, method_keys, wilson
+from stages.figures.avoidance_tables import range_table, systems_tables
+from stages.figures.clearance import Line, clearance_panel, method_colour, method_keys
 from stages.figures.conditions import among_obstacles, push_of, when
 from stages.figures.deviation import Deviation, Resolved
 from stages.figures.deviations import deviations
 from stages.figures.flow import Path, Scene, flow_panel, frame, legend, outline
-from stages.figures.numbers import MISSING, NO_BREAK, number, percent
+from stages.figures.intervals import share, tally
+from stages.figures.numbers import MISSING, number, percent
 from stages.figures.obstacles_section import obstacles_section, obstacles_sentence
 from stages.figures.results import Results, read_results
 from stages.figures.sections import lead, sections
@@ -375,23 +377,6 @@ def test_methods_of_one_kind_are_told_apart_in_the_legend() -> None:
     assert len({method_colour(kind) for kind in ("roas+", "roas", "apf", "cbf", "modulation", "none")}) == 6
 
 
-def test_wilson_intervals_by_hand() -> None:
-    z2 = 1.959964**2
-    assert wilson(0, 8) == pytest.approx((0.0, z2 / (8 + z2)), abs=1e-12)
-    assert wilson(8, 8) == pytest.approx((8 / (8 + z2), 1.0), abs=1e-12)
-    assert wilson(5, 10) == pytest.approx((0.2366, 0.7634), abs=5e-5)
-    assert wilson(1, 10) == pytest.approx((0.0179, 0.4042), abs=5e-5)
-
-
-@given(st.integers(1, 500), st.data())
-def test_wilson_intervals_hold_the_share_and_mirror(total: int, data: st.DataObject) -> None:
-    hits = data.draw(st.integers(0, total))
-    low, high = wilson(hits, total)
-    assert 0.0 <= low <= hits / total + 1e-12
-    assert hits / total - 1e-12 <= high <= 1.0
-    assert wilson(total - hits, total) == pytest.approx((1.0 - high, 1.0 - low), abs=1e-12)
-
-
 # --- conditions and deviations in words -----------------------------------------------------------------------------
 
 BLOCK = Condition(name="one", obstacles=(Sphere(centre=(0.05, 0.0), radius=0.01),))
@@ -479,8 +464,8 @@ def test_table_of_methods_says_what_the_metrics_say(results: Results, section: S
             assert counted(rows, "goal-inside", "start-inside", "swallowed") == 0
             hit, arrived = counted(rows, "collided", "infeasible", "too-fast"), counted(rows, "arrived")
             assert cell["roll-outs"] == "8"
-            assert cell["collided"].startswith(f"{percent(hit / 8)}{NO_BREAK}(")
-            assert cell["converged without collision"].startswith(f"{percent(arrived / 8)}{NO_BREAK}(")
+            assert cell["collided"] == share(hit, 8)
+            assert cell["converged without collision"] == share(arrived, 8)
             assert cell["trapped"] == str(counted(rows, "trapped"))
             assert cell["out of time"] == str(counted(rows, "timeout", "diverged"))
             assert hit + arrived + counted(rows, "trapped", "timeout", "diverged") == 8
@@ -491,15 +476,15 @@ def test_table_of_methods_says_what_the_metrics_say(results: Results, section: S
             there = [row for row in rows if row["outcome"] == "arrived"]
             if there:
                 ratio = np.mean([row["duration_s"] / plain[row["point"], row["demo"]] for row in there])
-                assert cell["time"] == f"{number(float(ratio))}{NO_BREAK}x"
+                assert cell["time [x]"] == number(float(ratio))
                 assert cell["DTW [mm]"] == number(math.fsum(row["dtw_mm"] for row in there) / len(there), 4)
             else:
-                assert (cell["time"], cell["DTW [mm]"]) == (MISSING, MISSING)
+                assert (cell["time [x]"], cell["DTW [mm]"]) == (MISSING, MISSING)
     nothing, ours = cells["standing", "nothing"], cells["standing", "ROAS+"]
     assert nothing["collided"].startswith(percent(1.0))
     assert ours["converged without collision"].startswith(percent(1.0))
     assert ours["largest rise of V [mm²]"] == "0"
-    assert float(ours["time"].split(NO_BREAK)[0]) > 1.0
+    assert float(ours["time [x]"]) > 1.0
 
 
 def test_roll_outs_that_could_not_begin_are_said_to_be_refused(results: Results, section: Section) -> None:
@@ -578,8 +563,7 @@ def test_table_of_ranges_counts_goals_within_reach(results: Results, section: Se
                 missed[holds] += r["outcome"] != "arrived"
         assert (row[2], row[4]) == (str(totals[True]), str(totals[False]))
         for cell, holds in ((row[3], True), (row[5], False)):
-            share = percent(missed[holds] / totals[holds]) if totals[holds] else MISSING
-            assert cell.partition(f"{NO_BREAK}(")[0] == share
+            assert cell == share(missed[holds], totals[holds])
     assert sum(width for _, width in table.groups) == len(table.columns)
 
 
@@ -597,7 +581,7 @@ def test_table_of_traps_counts_them_by_kind_of_dynamics(results: Results, sectio
         assert 0 < len(scenes) < len(every)
         traps = [s.traps.shape[0] for s in scenes if s.traps is not None]
         assert len(traps) == len(scenes)
-        assert row[2] == f"{sum(n > 0 for n in traps)} of {len(traps)}".replace(" ", NO_BREAK)
+        assert row[2] == tally(sum(n > 0 for n in traps), len(traps))
         assert row[3:7] == (
             str(sum(traps)),
             str(len(rows)),
@@ -656,25 +640,25 @@ def test_the_head_says_how_many_arrived(results: Results) -> None:
 def test_systems_are_told_apart_by_dimension_and_linearity(space: Results) -> None:
     among = space.own.part(among=True)
     assert among is not None
-    table = systems_table(among)
-    assert table is not None
-    assert table.columns == ("dimension", "system", "condition", "nothing", "ROAS+")
-    assert [row[:3] for row in table.rows] == [
-        (f"{d}-D", system, "standing") for d in (2, 3) for system in ("linear, K = 1", "LPV-DS")
-    ]
-    for row in table.rows:
+    arriving, hitting = systems_tables(among)
+    for table in (arriving, hitting):
+        assert table.columns == ("dimension", "system", "condition", "nothing", "ROAS+")
+        assert [row[:3] for row in table.rows] == [
+            (f"{d}-D", system, "standing") for d in (2, 3) for system in ("linear, K = 1", "LPV-DS")
+        ]
+    for row, other in zip(arriving.rows, hitting.rows, strict=True):
         (point,) = [
             p
             for p in space.points
             if (p.point.overrides["ingest.depth"] == "", p.point.overrides["mixture.components"] == 1)
             == (row[0] == "2-D", row[1] == "linear, K = 1")
         ]
-        for cell, method in zip(row[3:], ("none", "roas+"), strict=True):
+        for converged, collided, method in zip(row[3:], other[3:], ("none", "roas+"), strict=True):
             rows = [r for r in read_metrics(point.files["metrics"]) if r["avoidance"] == method]
             assert len(rows) == 4
             hit, arrived = counted(rows, "collided", "infeasible", "too-fast"), counted(rows, "arrived")
-            assert cell == f"{percent(hit / 4)} / {percent(arrived / 4)}"
-    assert systems_table(replace(among, points=among.points[:1])) is None
+            assert (converged, collided) == (share(arrived, 4), share(hit, 4))
+    assert systems_tables(replace(among, points=among.points[:1])) == ()
     assert range_table(among) is None
 
 
@@ -695,7 +679,7 @@ def test_obstacles_in_space_are_shown_in_two_planes(space: Results) -> None:
     assert axes[0] != axes[1]
     # No roll-out without obstacles: no time to compare with, and no other section of roll-outs.
     (methods,) = [t for t in tables(made) if t.caption.startswith("How roll-outs")]
-    assert {dict(zip(methods.columns, row, strict=True))["time"] for row in methods.rows} == {MISSING}
+    assert {dict(zip(methods.columns, row, strict=True))["time [x]"] for row in methods.rows} == {MISSING}
     assert methods.columns[0] == "method"
     ids = [section.id for section in sections(space)]
     assert ids[0] == "obstacles"
@@ -714,6 +698,7 @@ def test_a_report_of_roll_outs_none_of_which_could_begin(project: Project) -> No
     blocked = run(project, "blocked")
     assert obstacles_section(blocked) is not None
     page = assemble("blocked", lead(blocked), sections(blocked))
+    check_page(page)
     assert "goal-inside" in page or "refused" in page
 
 
@@ -721,10 +706,10 @@ def test_sections_of_undisturbed_roll_outs_do_not_count_those_among_obstacles(re
     free = results.own.part(among=False)
     assert free is not None
     summary = tables(metrics(free))[0]
-    assert [row[:3] for row in summary.rows] == [("plain LPV-DS", "undisturbed", f"8{NO_BREAK}of{NO_BREAK}8")]
+    assert [row[:3] for row in summary.rows] == [("plain LPV-DS", "undisturbed", tally(8, 8))]
     counts, arrivals, *missed = tables(facts(free))
     assert arrivals.columns == ("controller", "undisturbed")
-    assert arrivals.rows == (("plain LPV-DS", "8 of 8"),)
+    assert arrivals.rows == (("plain LPV-DS", tally(8, 8)),)
     assert missed == []
     assert counts.rows[1][1] == "0 mm²"
 

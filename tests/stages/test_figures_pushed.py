@@ -19,18 +19,21 @@ from drawings import drawn, strokes, texts
 from hypothesis import given
 from hypothesis import strategies as st
 from made_boxes import DRAG, DT, GOAL, POT, START, box, column, learn, results_of, said, tables, with_boxes
+from pages import check_page
 
 from pipeline.report import Figure, Section, assemble
 from stages.artifacts.metrics import read_metrics
 from stages.artifacts.rollouts import RecordedRollout
 from stages.dynamics.parameters import QlfParameters
 from stages.evaluate.parameters import EvaluateParameters
+from stages.figures import animation
 from stages.figures.carry_cases import Held, difference, held_groups
 from stages.figures.carry_section import carry_section, carry_sentence
 from stages.figures.deviation import Deviation, Resolved, Strayed
 from stages.figures.deviations import deviations
 from stages.figures.estimates_section import estimates_section
 from stages.figures.excursions import Excursion, excursion, strayed
+from stages.figures.intervals import tally
 from stages.figures.numbers import MISSING, NO_BREAK, number
 from stages.figures.pots_cases import Round, alike, case_title, rounds
 from stages.figures.pots_panels import profile, round_frame, round_panel
@@ -41,7 +44,6 @@ from stages.figures.pushed_section import pushed_section, pushed_sentence
 from stages.figures.pushed_tables import false_alarm
 from stages.figures.results import Results
 from stages.figures.sections import lead, sections
-from stages.figures.shares import tally
 from stages.figures.style import colour
 from stages.ingest.parameters import LasaParameters
 from stages.mixture.parameters import EmParameters
@@ -74,6 +76,12 @@ PUSHED = (
     box("onward", 0, push="left", named="left", coupling=False, waits=False),
     box("onward", 1, push="left", named="left", coupling=False, waits=False, strays=0.2),
 )
+
+
+@pytest.fixture(autouse=True)
+def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The moving picture of a report takes seconds; `test_camera.py` looks at it."""
+    monkeypatch.setattr(animation, "PICTURES", 2)
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +121,9 @@ def test_tables_of_pushes_say_what_the_rows_say(learned: Results, tmp_path: Path
     results = results_of(learned, tmp_path, PUSHED)
     boxes, followed, every = tables(pushed_section(results))
     assert column(boxes, "condition") == ["calm", "pushed", "<printed>", "stiff", "alone", "onward"]
-    assert column(boxes, "otherwise than robust") == [
-        MISSING,
-        MISSING,
+    assert column(boxes, "what is different") == [
+        "nothing",
+        "nothing",
         "eqs. (14), (17) as printed",
         "no compliance",
         "arms do not follow each other",
@@ -181,8 +189,8 @@ def test_what_is_different_is_said_in_words() -> None:
 
 
 def test_counts_have_intervals_and_nothing_is_not_counted() -> None:
-    assert tally(7, 7) == f"{SEVEN} (65 to 100 %)".replace(" ", NO_BREAK)
-    assert tally(0, 7) == f"{NONE} (0 to 35 %)".replace(" ", NO_BREAK)
+    assert tally(7, 7) == f"{SEVEN} (65{NO_BREAK}to{NO_BREAK}100{NO_BREAK}%)"
+    assert tally(0, 7) == f"{NONE} (0{NO_BREAK}to{NO_BREAK}35{NO_BREAK}%)"
     assert tally(0, 0) == MISSING
 
 
@@ -436,6 +444,7 @@ def test_a_report_of_roll_outs_that_failed_is_made(
 ) -> None:
     results = results_of(learned, tmp_path, made)
     page = assemble("box", lead(results), sections(results))
+    check_page(page)
     assert not re.search(r"\b(nan|inf|infinite|None)\b", re.sub(r'"[^"]*"', "", page))
     for one in made:
         assert "<" not in one.condition or one.condition not in page
@@ -477,7 +486,7 @@ def test_estimates_stand_beside_the_truth(learned: Results, tmp_path: Path) -> N
     assert column(held, "F_{d} in the end [N]") == ["5", "5 to 6"]
     assert column(held, "least grip ratio") == ["1.50", "1.80"]
     assert column(held, "mean force [N]") == ["5", "5 to 6"]
-    assert column(held, "delivered") == [f"2{NO_BREAK}of{NO_BREAK}2"] * 2
+    assert column(held, "delivered") == [tally(2, 2)] * 2
     assert "is raised until 2 mu F_{d}/(m g) is 1.7" in said(section)
     assert [s.id for s in sections(results)][:3] == ["pushed", "carry", "estimates"]
 
@@ -528,7 +537,7 @@ def test_the_table_of_methods_says_what_the_rows_say(learned: Results, tmp_path:
     assert column(methods, "method") == ["ROAS+", "ROAS as printed", "APF", "nothing"]
     # A box that was delivered after it had been inside of the sphere, or had touched the pot, did not go round it.
     assert column(methods, "went round") == [tally(2, 2), tally(0, 2), tally(0, 2), tally(0, 2)]
-    assert column(methods, "delivered") == [f"{k}{NO_BREAK}of{NO_BREAK}2" for k in (2, 2, 1, 2)]
+    assert column(methods, "delivered") == [tally(k, 2) for k in (2, 2, 1, 2)]
     assert column(methods, "ended otherwise") == [MISSING, MISSING, "held: 1", MISSING]
     assert column(methods, "least clearance [mm]") == ["2.00", "\u221240.0", "4.00", "\u221250.0"]
     assert column(methods, "touched", "box") == ["0", "1", "0", "1"]
