@@ -20,6 +20,7 @@ from pipeline.cli import (
     add_bring_up,
     add_verbs,
     bring_up,
+    complete_name,
     friendly,
     open_project,
 )
@@ -181,24 +182,68 @@ for _verb, (_last, _text) in VERBS.items():
 
 @app.command()
 @friendly
-def report(
-    name: Name,
-    output: Annotated[str | None, typer.Option("--output", "-o", help="File to write. [runs/NAME/report.html]")] = None,
+def inspect(
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Experiments, side by side.", autocompletion=complete_name)
+    ],
+    rollout: Annotated[
+        list[str] | None, typer.Option(metavar="ID", help="Roll-outs, by name; * is a wildcard. [a telling choice]")
+    ] = None,
+    point: Annotated[list[str] | None, typer.Option(metavar="ID", help="Points of a sweep; * is a wildcard.")] = None,
+    save: Annotated[str | None, typer.Option(metavar="FILE.rrd", help="Write a file instead of opening it.")] = None,
+    serve: Annotated[bool, typer.Option("--serve", help="Show it in a browser of this machine.")] = False,
     sets: Sets = None,
     seed: Seed = None,
     json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Open roll-outs in rerun: robots, paths, forces, gate, V."""
+    from pipeline.console import Console
+    from stages.inspect.command import inspect as show
+
+    console = Console(json=json, quiet=quiet)
+    project = open_project(STAGES)
+    show(
+        project,
+        console,
+        names,
+        rollouts=rollout or (),
+        points=point or (),
+        save=save,
+        serve=serve,
+        sets=sets or (),
+        seed=seed,
+    )
+
+
+@app.command()
+@friendly
+def report(
+    name: Annotated[
+        str | None, typer.Argument(help="Experiment, a folder below runs/.", autocompletion=complete_name)
+    ] = None,
+    all_: Annotated[bool, typer.Option("--all", help="All that are up to date, and runs/index.html.")] = False,
+    output: Annotated[str | None, typer.Option("--output", "-o", help="File to write. [runs/NAME/report.html]")] = None,
+    figures: Annotated[bool, typer.Option("--figures", help="The figures also as SVG and PNG files.")] = False,
+    sets: Sets = None,
+    seed: Seed = None,
+    json: Json = False,
+    quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
     """Write the HTML report: figures, parameters, provenance."""
-    from pathlib import Path
-
     from pipeline.console import Console
-    from stages.figures.experiment import write_report
+    from pipeline.errors import UsageError
+    from pipeline.experiment import experiment_names
+    from stages.figures.reporting import report_all, report_one
 
-    project, console = open_project(STAGES), Console(json=json)
-    experiment = project.experiment(name, sets or (), seed)
-    path = Path(output) if output is not None else experiment.folder / "report.html"
-    written = write_report(project, experiment, path)
-    shown = path if output is not None else path.relative_to(project.root)
-    console.result(f"report: {shown}")
-    console.document({"experiment": name, "file": str(shown), "bytes": written})
+    project, console = open_project(STAGES), Console(json=json, quiet=quiet)
+    if not all_:
+        if name is None:
+            raise UsageError("No experiment was named: add its name, as in 'clpv report quickstart', or --all.")
+        report_one(project, console, name, output=output, figures=figures, sets=sets or (), seed=seed)
+        return
+    if name is not None or output is not None or sets or seed is not None:
+        raise UsageError("--all writes every report to its own place: leave out NAME, --output, --set and --seed.")
+    report_all(project, console, experiment_names(project.root), figures=figures)

@@ -21,7 +21,7 @@ from stages.cli import VERBS, app, templates
 ROOT = Path(__file__).resolve().parents[2]
 
 GENERIC = ["run", "status", "show", "list", "diff", "verify", "new", "gc", "doctor"]
-VERB_NAMES = sorted([*VERBS, *GENERIC, "ingest", "info", "teleop", "report"])
+VERB_NAMES = sorted([*VERBS, *GENERIC, "ingest", "info", "teleop", "inspect", "report"])
 
 HELP = """\
 Usage: clpv [OPTIONS] COMMAND [ARGS]...
@@ -51,6 +51,7 @@ Commands:
   fit      Fit the policy: midpoint, mixture and dynamics.
   rollout  Run the policy in simulation, up to the roll-outs.
   eval     Bring an experiment up to its metrics, and show them.
+  inspect  Open roll-outs in rerun: robots, paths, forces, gate, V.
   report   Write the HTML report: figures, parameters, provenance.
 
   Exit codes: 0 done; 1 data or execution failed; 2 usage; 3 not up to date; 4
@@ -101,7 +102,10 @@ def test_exit_codes_are_the_documented_ones():
     }
 
 
-HEAVY = ("cvxpy", "numba", "pybullet", "rerun", "pandas", "pydantic", "numpy", "scipy", "rich", "pyarrow")
+HEAVY = (
+    *("cvxpy", "numba", "pybullet", "rerun", "pandas", "pydantic", "numpy", "scipy", "rich", "pyarrow"),
+    *("matplotlib", "plotille"),
+)
 
 
 def test_help_imports_nothing_heavy(tmp_path):

@@ -1,0 +1,68 @@
+"""Passes the web viewer on to browsers with a policy that lets it speak to this machine only.
+
+The viewer that runs in a browser would report its use, look for new versions and load fonts from elsewhere, whatever
+the settings of the program that serves it are. A Content-Security-Policy is kept by the browser itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+KEPT = ("Content-Type", "Content-Length", "Content-Encoding", "rerun-final-length")
+"""Headers of the viewer's server that are passed on; by the last one its page shows how much has been loaded."""
+
+SECONDS = 30.0
+"""For which an answer of the viewer's server is waited for."""
+
+
+def policy(feed: str) -> str:
+    """What the page may load and speak to: its own server, and that of the recording, e.g. ``http://127.0.0.1:9876``."""
+    return (
+        f"default-src 'self' {feed}; script-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob:; "
+        "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; frame-ancestors 'none'"
+    )
+
+
+@contextlib.contextmanager
+def relayed(host: str, port: int, behind: str, feed: str) -> Iterator[ThreadingHTTPServer]:
+    """Serve at a port of this machine what is served at `behind`, an address without a path, until it is left."""
+
+    class Relay(BaseHTTPRequestHandler):
+        """Answers one request."""
+
+        def do_GET(self) -> None:
+            """Pass a page or a file on."""
+            try:
+                with urllib.request.urlopen(behind + self.path, timeout=SECONDS) as answer:
+                    self.send_response(answer.status)
+                    for name in KEPT:
+                        if name in answer.headers:
+                            self.send_header(name, answer.headers[name])
+                    self.send_header("Content-Security-Policy", policy(feed))
+                    self.end_headers()
+                    shutil.copyfileobj(answer, self.wfile)
+            except urllib.error.HTTPError as error:
+                self.send_error(error.code)
+            except ConnectionError:
+                pass  # the browser has gone
+            except OSError:
+                self.send_error(502)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Nothing: the console prints."""
+
+    server = ThreadingHTTPServer((host, port), Relay)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
