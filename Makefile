@@ -23,6 +23,7 @@ help:
 demo: venv
 	$(BIN)/clpv run quickstart
 	$(BIN)/clpv report quickstart
+	@echo 'Next: . $(BIN)/activate && clpv inspect quickstart'
 
 test: lint
 	$(BIN)/python -m pytest -q -n 2

@@ -43,12 +43,12 @@ class Console:
     def result(self, text: str) -> None:
         """A line of the result; not with --json."""
         if not self.json:
-            print(text)
+            print(text, flush=True)  # a caller may wait for it, as for the address of a server
 
     def document(self, value: Any) -> None:
         """The JSON document, where it is asked for; numbers that are not finite become null."""
         if self.json:
-            print(json.dumps(_finite(plain(value)), indent=1, allow_nan=False))
+            print(json.dumps(_finite(plain(value)), indent=1, allow_nan=False), flush=True)
 
     def note(self, text: str) -> None:
         """Something good to know, on standard error; not with --quiet."""
@@ -198,7 +198,7 @@ def cell(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.0f}" if abs(value) >= 1e5 and math.isfinite(value) else f"{value:.5g}"
+        return f"{value:.0f}" if 1e5 <= abs(value) < 1e9 else f"{value:.5g}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(cell(item) for item in value) + "]"
     if isinstance(value, dict):

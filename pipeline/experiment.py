@@ -12,9 +12,10 @@ import itertools
 import json
 import math
 import re
+import shlex
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,17 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A resolved experiment; `overridden`: options of the command line changed it, and its manifest is not its own."""
+    """A resolved experiment.
+
+    Attributes:
+        name: of its folder.
+        folder: below ``runs``.
+        description: in its own words.
+        preset: whose values apply where it gives none.
+        points: of its sweep, or the only one.
+        overridden: options of the command line changed it, and its manifest is not its own.
+        options: those options, in words.
+    """
 
     name: str
     folder: Path
@@ -57,6 +68,11 @@ class Experiment:
     preset: str
     points: tuple[Point, ...]
     overridden: bool = False
+    options: tuple[str, ...] = ()
+
+    def command(self, verb: str) -> str:
+        """What to type to have this very experiment, e.g. ``clpv run letters --set mixture.alpha=3``."""
+        return shlex.join(["clpv", verb, self.name, *self.options])
 
     @property
     def manifest_path(self) -> Path:
@@ -96,10 +112,13 @@ def load_experiment(
         raise UsageError(f"runs/{name}/{FILE} is not valid TOML: {error}.") from None
     except OSError as error:
         raise UsageError(f"runs/{name}/{FILE} cannot be read: {error.strerror}.") from None
-    changes = [parse_override(text) for text in sets]
+    given = list(sets)
+    changes = [parse_override(text) for text in given]
+    options = [word for text in given for word in ("--set", text)]
     if seed is not None:
         changes.append(("seed", seed))
-    return resolve(name, path.parent, document, stages, changes)
+        options += ["--seed", str(seed)]
+    return replace(resolve(name, path.parent, document, stages, changes), options=tuple(options))
 
 
 def resolve(

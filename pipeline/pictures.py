@@ -32,8 +32,10 @@ GAP = 10.8
 APART = 20.0
 """Between entries of a legend."""
 
-OURS = re.compile(r"[a-z][a-z-]*-\d+\.(?:svg|png|gif)")
-"""Names of files that `write_pictures` writes, and removes where there is no such figure any more."""
+PICTURE = re.compile(r"[a-z][a-z-]*-\d+\.(?:svg|png|gif)")
+
+LIST = ".pictures"
+"""File among the pictures that names those of the last call: the next one removes no others."""
 
 
 def write_pictures(sections: Sequence[Section], folder: Path) -> list[Path]:
@@ -42,17 +44,28 @@ def write_pictures(sections: Sequence[Section], folder: Path) -> list[Path]:
     The n-th picture of a section becomes ``<section>-<n>.svg`` and ``.png``, a moving one ``.gif``; in that order they
     are returned. Each file appears whole or not at all. Raises StoreError where one cannot be written.
     """
+    before = _listed(folder)
     written = []
     for name, content in _files(sections):
         write_atomically(folder / name, content)
         written.append(folder / name)
-    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if OURS.fullmatch(path.name) and path not in written:
-            try:
-                path.unlink()
-            except OSError as error:
-                raise StoreError(f"{path.name} among the figures cannot be removed: {error.strerror}.") from None
+    for name in sorted(before - {path.name for path in written}):
+        try:
+            (folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise StoreError(f"{name} among the figures cannot be removed: {error.strerror}.") from None
+    if written or before:
+        write_atomically(folder / LIST, "".join(f"{path.name}\n" for path in written))
     return written
+
+
+def _listed(folder: Path) -> set[str]:
+    """Names of the pictures of the last call that can be such; nothing where there is no list."""
+    try:
+        names = (folder / LIST).read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError):
+        return set()
+    return {name for name in names if PICTURE.fullmatch(name)}
 
 
 def _files(sections: Sequence[Section]) -> Iterator[tuple[str, str | bytes]]:

@@ -100,7 +100,7 @@ class Project:
             if examined.state is not State.CACHED:
                 raise StaleError(
                     f"{experiment.name} is not up to date (stage {examined.stage.name} at {examined.point.id} is "
-                    f"{examined.state}): run 'clpv run {experiment.name}' first."
+                    f"{examined.state}): run '{experiment.command('run')}' first."
                 )
             if examined.stage.name == stage and examined.record is not None:
                 outputs = self.store.outputs(examined.record)

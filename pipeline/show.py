@@ -96,7 +96,7 @@ def _show_stage(
         if row.record is None:
             raise StaleError(
                 f"Stage {stage.name} of {experiment.name} at {row.point.id} is {row.state}: "
-                f"run 'clpv run {experiment.name}' first."
+                f"run '{experiment.command('run')}' first."
             )
         outputs = project.store.outputs(row.record)
         files = {name: project.store.path(a.digest) for name, a in outputs.items()}

@@ -159,10 +159,20 @@ def size(path: Path) -> int:
 
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file whole or not at all, text as UTF-8. Raises StoreError."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A name beside a file: what is written there takes the file's place at the end, whole, or not at all.
+
+    Raises StoreError where that cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        yield temporary
         _sync(temporary)
         temporary.replace(path)
     except OSError as error:

@@ -33,7 +33,7 @@ def status(
     documents: list[dict[str, Any]] = []
     shown: list[dict[str, Any]] = []
     for name in names:
-        experiment = _one_of(project, name, sets, seed)
+        experiment = one_of(project, name, sets, seed)
         rows = project.plan(experiment, project.last.name)
         current &= all(row.state is State.CACHED for row in rows)
         documents.append({"experiment": name, "stages": [described(row) for row in rows]})
@@ -43,7 +43,7 @@ def status(
     return current
 
 
-def _one_of(project: Project, name: str, sets: Iterable[str] = (), seed: int | None = None) -> Experiment:
+def one_of(project: Project, name: str, sets: Iterable[str] = (), seed: int | None = None) -> Experiment:
     """One of several experiments: what is wrong with a parameter says in which file."""
     try:
         return project.experiment(name, sets, seed)
@@ -81,7 +81,7 @@ def overview(project: Project, console: Console, names: Sequence[str]) -> None:
     """All experiments, with the figures of their manifests averaged over points."""
     rows: list[dict[str, Any]] = []
     for name in names:
-        experiment = _one_of(project, name)
+        experiment = one_of(project, name)
         figures = recorded_figures(experiment, project.last.name)
         rows.append(
             {"experiment": name, "points": len(experiment.points), "preset": experiment.preset, "figures": figures}
@@ -177,7 +177,7 @@ def collect_garbage(project: Project, console: Console, names: Sequence[str], *,
         raise StoreError("A run is going on in this project: wait until it has finished, then collect.")
     kept_keys: set[str] = set()
     for name in names:
-        experiment = _one_of(project, name)
+        experiment = one_of(project, name)
         manifest = read_manifest(experiment)
         kept_keys.update(manifest.keys if manifest else ())
         kept_keys.update(row.key.value for row in project.plan(experiment, project.last.name) if row.key is not None)

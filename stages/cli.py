@@ -225,7 +225,7 @@ def report(
     ] = None,
     all_: Annotated[bool, typer.Option("--all", help="All that are up to date, and runs/index.html.")] = False,
     output: Annotated[str | None, typer.Option("--output", "-o", help="File to write. [runs/NAME/report.html]")] = None,
-    figures: Annotated[bool, typer.Option("--figures", help="The figures also as SVG and PNG files.")] = False,
+    figures: Annotated[bool, typer.Option("--figures", help="The figures also as SVG, PNG and GIF files.")] = False,
     sets: Sets = None,
     seed: Seed = None,
     json: Json = False,

@@ -84,7 +84,8 @@ def ingest_recordings(
         (folder / "manifest.json").unlink(missing_ok=True)
     train = sum(split == "train" for _, split, _ in demonstrations)
     console.note(f"{len(demonstrations)} demonstrations, {train} to learn from, {_counted(project, name)}.")
-    console.note(f"runs/{name}/{FILE} and datasets/{name}/dataset.toml written; next: 'clpv run {name}'.")
+    written = f"runs/{name}/{FILE} and datasets/{name}/dataset.toml written"
+    console.note(f"{written}; next: 'clpv run {name}'." if train >= 2 else f"{written}.")
     if train < 2:
         console.warn(
             f"{name} has {train} demonstration(s) to learn from, and a policy needs two: name more recordings, or make "

@@ -43,7 +43,9 @@ def write_carry_log(path: Path, rollout: Any, robot: str, parameters: Mapping[st
     n, names, fixed_and_moving = time.shape[0], turning(arms), tree(arms, carried.q)
     turns = faces(arms, carried.q)[1]
     midpoint = carried.pads.mean(axis=1)
-    threshold = np.full(n, parameters["following"]["deviation_threshold"])
+    deviations = {side: carried.residual[:, k] for k, side in enumerate(SIDES)}
+    if rollout.scene_facts["following"]:
+        deviations["threshold"] = np.full(n, parameters["following"]["deviation_threshold"])
     room = {"middle": carried.clearance, "box": carried.box_room, "arms": carried.arm_room}
     points = {"box": carried.box, "midpoint": midpoint, "x": rollout.x, "p_hat": rollout.p_hat}
     channels: list[Channel] = [
@@ -65,14 +67,7 @@ def write_carry_log(path: Path, rollout: Any, robot: str, parameters: Mapping[st
         *_wrenches(time, carried.force),
         _numbers("/forces", time, "N", left=carried.force[:, 0], right=carried.force[:, 1], desired=carried.desired),
         _numbers("/truth/contacts", time, "N", left=carried.contact[:, 0], right=carried.contact[:, 1]),
-        _numbers(
-            "/policy/deviations",
-            time,
-            "m",
-            left=carried.residual[:, 0],
-            right=carried.residual[:, 1],
-            threshold=threshold,
-        ),
+        _numbers("/policy/deviations", time, "m", **deviations),
         _numbers("/policy/lyapunov", time, "m2", V=rollout.lyapunov),
         *((_numbers("/truth/clearances", time, "m", **room),) if np.isfinite(carried.clearance).any() else ()),
         _flags("/policy/gate", time, rollout.gate),
@@ -83,6 +78,9 @@ def write_carry_log(path: Path, rollout: Any, robot: str, parameters: Mapping[st
     said = {"what": ROLLOUT, "rollout": rollout.rollout, "outcome": str(rollout.outcome), "robot": robot}
     write_log(path, channels, {**said, "facts": rollout.scene_facts}, parameters)
 
+
+BESIDE = (-0.5, 0.0, 0.4)
+"""Where viewers draw the master's frame, metres in the world: behind the arms, where nothing else is."""
 
 MASTER, CLUTCH = "/master/pose", "/master/clutch"
 
@@ -102,9 +100,10 @@ def write_demonstration(
     arms = both(robot, "scene.robot")
     turns = faces(arms, done.joints)[1]
     said = np.isfinite(done.master).all(axis=1)
+    fixed, moving = tree(arms, done.joints)
     channels: list[Channel] = [
         Words(topic="/robot_description", time=time[:1], values=(description(robot, arms),), latched=True),
-        *_frames(time, *tree(arms, done.joints), {"box": done.box, "midpoint": midpoint}, {"box": done.turn}),
+        *_frames(time, _with_master(fixed), moving, {"box": done.box, "midpoint": midpoint}, {"box": done.turn}),
         JointStates(topic="/joint_states", time=time, names=turning(arms), position=done.joints.reshape(time.size, -1)),
         *(_pose(f"/{side}/pose", time, done.pads[:, k], turns[:, k]) for k, side in enumerate(SIDES)),
         *_wrenches(time, done.force),
@@ -117,6 +116,16 @@ def write_demonstration(
         _phases(time, done.phase),
     ]
     write_log(path, channels, {"what": DEMONSTRATION, "seed": seed, "number": number, "robot": robot}, parameters)
+
+
+def _with_master(fixed: Tree) -> Tree:
+    """Frames that never move, and that of the master: viewers draw nothing where a frame hangs on none."""
+    return Tree(
+        parents=(*fixed.parents, WORLD),
+        children=(*fixed.children, "master"),
+        places=np.concatenate([fixed.places, np.array([[BESIDE]])], axis=1),
+        turns=np.concatenate([fixed.turns, np.array([[UPRIGHT]])], axis=1),
+    )
 
 
 def read_master(path: Path) -> tuple[Any, Any, Any, Any]:
@@ -176,7 +185,10 @@ def _pose(topic: str, time: Array, position: Array, quaternion: Array | Sequence
 
 
 def _wrenches(time: Array, pressed: Array) -> list[Channel]:
-    """What presses on both pads, shape (n, 2), newtons, along their axis, as the wrists' sensors say."""
+    """How hard both pads press, shape (n, 2), newtons, as the wrists' sensors say.
+
+    Along the pads' z axes, which point at the box: a positive force is what a pad does to it.
+    """
     found: list[Channel] = []
     for k, side in enumerate(SIDES):
         force = np.zeros((time.shape[0], 3))

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import DataError, choices
+from pipeline.errors import DataError
 from pipeline.values import canonical
 from stages.artifacts.channel import Channel, Nanoseconds
 from stages.artifacts.channels import CHANNELS
@@ -187,10 +187,11 @@ def _merged(encoded: Sequence[tuple[Nanoseconds, list[bytes]]]) -> Iterator[tupl
 
 def _decoded(path: Path, registered: Any, message: str, times: list[int], messages: list[bytes]) -> Channel:
     source = f"{path.name}, topic {registered.topic}"
-    if message not in CHANNELS:
-        raise DataError(source, f"holds messages of type {message or 'unknown'}; {choices(message, CHANNELS)}")
     if KEY not in registered.metadata:
         raise DataError(source, "was not written by clpv; `clpv info` describes recordings of others.")
+    if message not in CHANNELS:
+        kind = message or "an unknown type"
+        raise DataError(source, f"holds {kind}, as another version of clpv wrote it: run the stage again.")
     try:
         shared = json.loads(registered.metadata[KEY])
         channel = CHANNELS[message].decode(registered.topic, shared, np.array(times, dtype=np.int64), messages)

@@ -48,7 +48,7 @@ def accuracy_section(results: Results) -> Section:
     if values >= FEW:
         marks = f"Lines: 95 % intervals of the mean over {units} (bootstrap)."
     else:
-        marks = f"Dots: the {values} {units}, too few for an interval."
+        marks = f"Dots: the {values} {units}."
     figure = Figure(
         panels=tuple(panels),
         columns=2,

@@ -18,6 +18,7 @@ from stages.figures.carry_cases import carry_parameters
 from stages.figures.numbers import condition_name, controller_name, method_title, number
 from stages.figures.results import PointResults
 from stages.figures.telling import telling
+from stages.paths import arc_length
 from stages.policy.carrying import Phase
 from stages.policy.outcome import Outcome
 from stages.trajectory import Array, frozen
@@ -77,7 +78,7 @@ def staged(point: PointResults, rollout: RecordedRollout, carry: RecordedCarry, 
 
 def beads(way: Array) -> Array:
     """Places on a path, arrays, shape (n, 3), metres, about `BEADS` apart."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    length = arc_length(way)
     wanted = np.arange(0.0, length[-1] + BEADS, BEADS)
     return np.column_stack([np.interp(wanted, length, way[:, axis]) for axis in range(3)])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,16 +32,13 @@ class Report:
     sections: tuple[Section, ...]
 
 
-def write_report(
-    project: Project, experiment: Experiment, path: Path, *, options: Sequence[str] = (), pictures: Path | None = None
-) -> Report:
+def write_report(project: Project, experiment: Experiment, path: Path, *, pictures: Path | None = None) -> Report:
     """Write an experiment's report, and its figures. Every file appears whole or not at all.
 
     Arguments:
         project: that it belongs to.
         experiment: as it was resolved.
         path: of the HTML file.
-        options: words of the command line that changed the experiment, which the page repeats.
         pictures: folder for the figures as files; none: they are not written.
 
     Raises StaleError where the experiment has not been run or is out of date, StoreError where a file cannot be
@@ -53,7 +49,7 @@ def write_report(
     from stages.figures.sections import lead, sections
 
     results = read_results(project, experiment)
-    head, made = lead(results, options), sections(results)
+    head, made = lead(results), sections(results)
     text = assemble(experiment.name, head, made)
     write_atomically(path, text)
     drawn: list[Path] = []

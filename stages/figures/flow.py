@@ -249,6 +249,7 @@ def outline(shapes: Shapes, index: int, plane: tuple[int, int], points: int = 12
     else:
         local = np.zeros_like(local)
     farthest = shapes.centres[index] + local @ frame.T + shapes.measures[index, RADIUS] * directions
+    farthest[-1] = farthest[0]  # of a box, a corner and the middle of an edge are equally far in that direction
     return np.asarray(farthest[:, list(plane)])
 
 

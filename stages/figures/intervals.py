@@ -121,6 +121,8 @@ def spread_cell(
     if not values:
         return MISSING
     mean, interval = math.fsum(values) / len(values), mean_interval(values, units, name)
+    if interval is not None and min(values) >= 0.0:  # Student's t knows no bounds; lengths, forces and shares do
+        interval = max(interval[0], 0.0), min(interval[1], 1.0 if ratio else math.inf)
     written = percent if ratio else functools.partial(number, digits=digits)
     return with_interval(written(mean), interval and tuple(map(written, interval)))
 

@@ -10,7 +10,7 @@ from pipeline.report import Table
 from stages.figures.accuracy import Bar, changes
 from stages.figures.accuracy_section import MULTI_MODELS, change_cell
 from stages.figures.flow import PLANAR
-from stages.figures.intervals import FEW, SHARES, brackets, mean_interval, of, tally, with_interval
+from stages.figures.intervals import FEW, SHARES, brackets, of, spread_cell, tally
 from stages.figures.kinds_compared import MEASURES, Comparison
 from stages.figures.numbers import MINUS, MISSING, MM, NO_BREAK, kind_name, number, span
 from stages.figures.results import Results
@@ -137,5 +137,4 @@ def _many(comparison: Comparison) -> bool:
 
 
 def _mean(values: Array, name: str, digits: int) -> str:
-    ends = mean_interval(values.tolist(), range(values.shape[0]), name)
-    return with_interval(number(float(values.mean()), digits), ends and [number(end, digits) for end in ends])
+    return spread_cell(values.tolist(), range(values.shape[0]), name, digits)

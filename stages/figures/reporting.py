@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.console import Console
-from pipeline.errors import ParameterError, UsageError
-from pipeline.experiment import FILE, Experiment
+from pipeline.errors import UsageError
+from pipeline.experiment import Experiment
 from pipeline.plan import State
 from pipeline.project import Project
 from pipeline.runner import Event
 from pipeline.store import write_atomically
+from pipeline.views import one_of
 from stages.figures.experiment import Report, write_report
 from stages.figures.index import STATES, Entry, Skipped, index_page
 
@@ -41,9 +42,7 @@ def report_one(
     if output is not None:
         path = _named(output)
         folder = path.with_name(f"{path.stem}-{FIGURES}")
-    options = [word for text in sets for word in ("--set", text)]
-    options += [] if seed is None else ["--seed", str(seed)]
-    report = write_report(project, experiment, path, options=options, pictures=folder if figures else None)
+    report = write_report(project, experiment, path, pictures=folder if figures else None)
     base = Path() if output is not None else project.root
     _say(console, report, base)
     console.document(_document(report, base))
@@ -51,7 +50,7 @@ def report_one(
 
 def report_all(project: Project, console: Console, names: Sequence[str], *, figures: bool) -> None:
     """Write the reports of all experiments that are up to date, and the page that leads to them."""
-    experiments = [_one_of(project, name) for name in names]
+    experiments = [one_of(project, name) for name in names]
     states = [_state(project, experiment) for experiment in experiments]
     current = [one for one, state in zip(experiments, states, strict=True) if state is State.CACHED]
     entries, documents = [], []
@@ -92,15 +91,9 @@ def _named(output: str) -> Path:
     path = Path(output)
     if not path.name or path.is_dir():
         raise UsageError(f"--output names no file but a folder, {output!r}: name a file in it, e.g. {path / REPORT}.")
+    if not path.parent.is_dir():
+        raise UsageError(f"--output {output}: there is no folder {path.parent}; make it, or name another one.")
     return path
-
-
-def _one_of(project: Project, name: str) -> Experiment:
-    """One of several experiments: what is wrong with a parameter says in which file."""
-    try:
-        return project.experiment(name)
-    except ParameterError as error:
-        raise UsageError(f"runs/{name}/{FILE}: {error}") from None
 
 
 def _state(project: Project, experiment: Experiment) -> State:

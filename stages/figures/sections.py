@@ -5,7 +5,6 @@ Results in, sections out. The other sections have modules of their own.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -38,13 +37,8 @@ from stages.figures.sampler_section import sampler_section
 from stages.figures.tables import facts, metrics
 
 
-def lead(results: Results, options: Sequence[str] = ()) -> list[Block]:
-    """The head: description, the result in a sentence, how to get it again.
-
-    Arguments:
-        results: what came out.
-        options: words of the command line that changed the experiment.
-    """
+def lead(results: Results) -> list[Block]:
+    """The head: description, the result in a sentence, how to get it again."""
     experiment = results.experiment
     points = results.carrying(arms=False)
     free = None if points is None else points.own.part(among=False)
@@ -57,24 +51,16 @@ def lead(results: Results, options: Sequence[str] = ()) -> list[Block]:
         "" if points is None else kinds_sentence(points),
         "" if free is None else result_sentence(free.rows),
     ]
-    changed = ""
+    about = experiment.description or "An experiment without a description."
     if experiment.overridden:
-        changed = (
-            " Options of the command changed the experiment for this report; `verify` is of it as its file has it."
-        )
+        about = f"{about.rstrip('.')}. Options of the command changed it for this report, see below."
+    commands = [experiment.command("run"), experiment.command("report"), experiment.command("inspect")]
+    if not experiment.overridden:  # a manifest is that of the file as it is
+        commands.insert(1, experiment.command("verify"))
     return [
-        Paragraph(text=(experiment.description or "An experiment without a description.") + changed),
+        Paragraph(text=about),
         Paragraph(text=" ".join(sentence for sentence in sentences if sentence)),
-        Code(text="\n".join(_commands(experiment.name, options))),
-    ]
-
-
-def _commands(name: str, options: Sequence[str]) -> list[str]:
-    """What to type to get the results, check them and write the report again, for a shell."""
-    return [
-        shlex.join(["clpv", "run", name, *options]),
-        shlex.join(["clpv", "verify", name]),
-        shlex.join(["clpv", "report", name, *options]),
+        Code(text="\n".join(commands)),
     ]
 
 

@@ -25,8 +25,8 @@ REMEDIES = {str(outcome): outcome.remedy for outcome in Outcome}
 def about(shown: Sequence[Shown]) -> str:
     """A heading, how to get the results again, and a line for each roll-out."""
     names = list(dict.fromkeys(one.model[0] for one in shown))
-    commands = "\n".join(f"    clpv run {name}" for name in names)
-    lines = [f"# {', '.join(names)}", "", commands, ""]
+    commands = dict.fromkeys(f"    {one.experiment.command('run')}" for one in shown)
+    lines = [f"# {', '.join(names)}", "", *commands, ""]
     lines += [_line(one) for one in shown]
     kinds = {one.carries for one in shown}
     if False in kinds:
@@ -34,20 +34,23 @@ def about(shown: Sequence[Shown]) -> str:
             "",
             "Wide band and large dot: the state x of the learned system. Thin line: what was executed. "
             "Thin light and dark grey lines: demonstrations to learn from and to test on. Rings: components of the "
-            "mixture, one and two standard deviations. Arrows: the learned flow.",
+            "mixture, one and two standard deviations. Pins, heads ahead: the learned flow. Over time: one start of "
+            "each case; a gap in a path is a push.",
         ]
     if True in kinds:
         lines += [
             "",
             "Green: the reference x; yellow: p_hat; grey: the pads' midpoint, which is what was executed. "
-            "Forces are those of the contacts; fainter, as the wrists measure them, filtered.",
+            "Orange cuboid: the box, between two pads; dark ones: pedestal and shelf; red: a flowerpot in its safety "
+            "sphere. Forces are those of the contacts. Lanes: what the arms are at; whether x may move; who is truly "
+            "pushed, and who is taken for it. Of more than four boxes the arms are lines.",
         ]
     return "\n".join(lines)
 
 
 def _line(one: Shown) -> str:
     rollout = one.rollout
-    words = [f"- **{rollout.rollout}**: {rollout.outcome}"]
+    words = [f"- **{'/'.join(one.root)}**: {rollout.outcome}"]
     if rollout.outcome != Outcome.ARRIVED and rollout.outcome in REMEDIES:
         words.append(REMEDIES[rollout.outcome])
     words.append(f"{number(float(rollout.time[-1]))} s")

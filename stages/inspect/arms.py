@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.report import PALETTE
 from stages.artifacts.rollouts import SIDES, RecordedCarry, RecordedRollout, RecordedScene
 from stages.evaluate.force import BAND
-from stages.figures.numbers import MM
+from stages.figures.numbers import MM, condition_name
 from stages.inspect.plane import GATE, GATES
 from stages.inspect.shown import Shown
 from stages.inspect.stream import Colour, Stream, rgb
@@ -29,6 +29,8 @@ COLOURS: tuple[Colour, Colour] = (rgb("series-2", PALETTE), rgb("series-1", PALE
 
 WAY, P_HAT, MIDPOINT = rgb("series-3", PALETTE), rgb("series-5", PALETTE), (150, 158, 168)
 DESIRED, LIMIT, SAFETY = rgb("series-3", PALETTE), rgb("faint", PALETTE), rgb("series-4", PALETTE)
+
+THRESHOLD = (214, 84, 84)
 
 BOX, CLAY, STAND = (176, 132, 88), (150, 84, 58), (92, 96, 102)
 PAD, SHELL = (60, 64, 70), (150, 156, 166)
@@ -52,26 +54,40 @@ PHASES: dict[str, Colour] = {
 }
 
 NAME = "two arms"
+
+ABREAST = 3
+"""Carried boxes that are shown side by side; more of them stand behind each other, by condition."""
+
 PLOTS = {
-    "force": "true contact forces [N]",
-    "measured": "forces as measured, filtered [N]",
-    "deviation": "deviation of pads, and of their midpoint [mm]",
+    "force": "true forces [N]: left blue, right orange, F_d green, its band grey",
+    "measured": "forces as measured, filtered [N]: left blue, right orange",
+    "deviation": "deviation [mm]: left blue, right orange, midpoint from x grey, threshold red",
     "lyapunov": "V of x [mm\u00b2]",
-    "clearance": "room and clearance [mm]",
+    "clearance": "room [mm]: box to pot brown, arms to pot blue, middle to safety sphere pink",
 }
 """Parts of the entities of plots, and what the viewer calls them."""
+
+MESHED = 4
+"""Carried boxes up to which arms are drawn as they are: each takes about 2 MB, or 17 of a panda."""
+
+BONE = 0.03
+"""Radius of the line that stands for an arm, metres."""
 
 STILL = 1e-9
 """Metres, or of a quaternion, within which a link has not moved."""
 
 
-def draw_carry(stream: Stream, root: str, one: Shown) -> None:
-    """Write one carried box below `root`: the scene, and what happened over time."""
+def draw_carry(stream: Stream, root: str, one: Shown, *, meshes: bool) -> None:
+    """Write one carried box below `root`: the scene, and what happened over time.
+
+    `meshes`: arms are drawn as they are, which takes megabytes; else as thick lines.
+    """
     rollout, carry = one.rollout, one.rollout.carry
     assert carry is not None  # `Shown.carries` has been asked
     parameters = one.point.point.parameters["rollout"]
     for side, (name, moved) in enumerate(zip(SIDES, both(parameters.scene.robot, "rollout.scene.robot"), strict=True)):
-        _links(stream, f"{root}/scene/{name}", rollout.time, carry.joints[:, side], moved)
+        draw = _links if meshes else _skeleton
+        draw(stream, f"{root}/scene/{name}", rollout.time, carry.joints[:, side], moved)
     _things(stream, f"{root}/scene", rollout, carry, one.point.scenes.get(rollout.scene))
     asked = next((c for c in parameters.conditions if c.name == rollout.condition), None)
     following = parameters.following if asked is None or asked.following else None
@@ -88,14 +104,25 @@ def _links(stream: Stream, root: str, time: Array, q: Array, one: Arm) -> None:
         entity = f"{root}/{visual.link}"
         at = places[visual.joint] + turns[visual.joint] @ visual.place
         turned = Rotation.from_matrix(turns[visual.joint] @ visual.turn).as_quat()
+        scale = None if visual.mesh is None or (visual.edges == 1.0).all() else visual.edges
         if visual.mesh is None:
             stream.still(entity, rr.Boxes3D(half_sizes=[0.5 * visual.edges], colors=[PAD], fill_mode="solid"))
         else:
             stream.still(entity, rr.Asset3D(path=visual.mesh, albedo_factor=SHELL))
         if max(np.ptp(at, axis=0).max(), np.ptp(turned, axis=0).max()) < STILL:
-            stream.still(entity, rr.Transform3D(translation=at[0], quaternion=turned[0]))
+            stream.still(entity, rr.Transform3D(translation=at[0], quaternion=turned[0], scale=scale))
         else:
-            stream.columns(entity, time, rr.Transform3D.columns(translation=at, quaternion=turned))
+            scales = None if scale is None else np.tile(scale, (time.shape[0], 1))
+            columns = rr.Transform3D.columns(translation=at, quaternion=turned, scale=scales)
+            stream.columns(entity, time, columns)
+
+
+def _skeleton(stream: Stream, root: str, time: Array, q: Array, one: Arm) -> None:
+    """An arm as a thick line through its joints."""
+    places = frames(one.chain, q)[0].swapaxes(0, 1)
+    n = time.shape[0]
+    columns = stream.rr.LineStrips3D.columns(strips=list(places), colors=[SHELL] * n, radii=[BONE] * n)
+    stream.columns(root, time, columns)
 
 
 def _things(
@@ -144,18 +171,19 @@ def _pot(stream: Stream, root: str, pot: Any, time: Array, moved: Array) -> None
 def _plots(stream: Stream, root: str, one: Shown, carry: RecordedCarry, threshold: float | None) -> None:
     """Forces with F_d and its band, deviations with their threshold, V, and room."""
     rollout, time = one.rollout, one.rollout.time
+    led = carry.phase == str(Phase.CARRY)  # before, pads are on their way to the box, and nobody compares
     for side, name in enumerate(SIDES):
         stream.series(f"{root}/force/{name}", time, carry.contact[:, side], COLOURS[side], name)
         stream.series(f"{root}/measured/{name}", time, carry.force[:, side], COLOURS[side], name)
-        deviation = MM * carry.residual[:, side]
+        deviation = np.where(led, MM * carry.residual[:, side], np.nan)
         stream.series(f"{root}/deviation/{name}", time, deviation, COLOURS[side], name)
     stream.series(f"{root}/force/desired", time, carry.desired, DESIRED, "F_d")
     for share, name in zip(BAND, ("least", "most"), strict=True):
         stream.series(f"{root}/force/{name}", time, share * carry.desired, LIMIT, f"{share:g} F_d", width=1.0)
     away = np.linalg.norm(rollout.executed - rollout.x, axis=1)
-    stream.series(f"{root}/deviation/midpoint", time, MM * away, MIDPOINT, "midpoint from x")
+    stream.series(f"{root}/deviation/midpoint", time, np.where(led, MM * away, np.nan), MIDPOINT, "midpoint from x")
     if threshold is not None:
-        stream.level(f"{root}/deviation/threshold", time, MM * threshold, LIMIT, f"threshold, {MM * threshold:g} mm")
+        stream.level(f"{root}/deviation/threshold", time, MM * threshold, THRESHOLD, f"threshold {MM * threshold:g} mm")
     stream.series(f"{root}/lyapunov/V", time, MM * MM * rollout.lyapunov, WAY, "V")
     if np.isfinite(rollout.clearance).any():
         stream.series(f"{root}/clearance/sphere", time, MM * rollout.clearance, SAFETY, "middle, safety sphere")
@@ -167,7 +195,8 @@ def _lanes(stream: Stream, root: str, rollout: RecordedRollout, carry: RecordedC
     """Phase, gate, who is pushed and who is taken for pushed."""
     sides = dict(zip(SIDES, DARK, strict=True))
     stream.states(f"{root}/phase", rollout.time, carry.phase, PHASES)
-    stream.states(f"{root}/gate", rollout.time, np.where(rollout.gate, *GATE), GATES)
+    gate = np.where(carry.phase == str(Phase.CARRY), np.where(rollout.gate, *GATE), "")  # only then x is to move
+    stream.states(f"{root}/gate", rollout.time, gate, GATES)
     if carry.pushed.any():
         names = np.array(SIDES)
         pushed = np.array([" and ".join(names[row]) for row in carry.pushed], dtype=object)
@@ -183,21 +212,29 @@ def layout(rrb: Any, shown: Sequence[Shown], entity: Any) -> Any:
         rrb: the module rerun.blueprint.
         entity: parts of a path -> entity path.
     """
-    pictures = [
-        rrb.Spatial3DView(
-            origin=f"{entity(one.root)}/scene",
-            name="/".join(one.root) if len(shown) == 1 else one.name,
-            eye_controls=rrb.EyeControls3D(
-                position=ABOVE if among_pots(one) else FRONT, look_target=MIDDLE, eye_up=(0.0, 0.0, 1.0)
-            ),
-        )
+    if len(shown) > ABREAST:
+        groups: dict[str, list[Any]] = {}
+        for one in shown:
+            groups.setdefault(condition_name(one.rollout.condition), []).append(_alone(rrb, one, entity))
+        return rrb.Tabs(*(rrb.Tabs(*some, name=name) for name, some in groups.items()), name=NAME)
+    if len(shown) == 1:
+        return _alone(rrb, shown[0], entity)
+    columns = [
+        rrb.Vertical(_picture(rrb, one, entity), _over_time(rrb, one, entity, alone=False), row_shares=[2, 3])
         for one in shown
     ]
-    over_time = [_over_time(rrb, one, entity, alone=len(shown) == 1) for one in shown]
-    if len(shown) == 1:
-        return rrb.Horizontal(*pictures, *over_time, column_shares=[5, 4], name=NAME)
-    columns = [rrb.Vertical(*pair, row_shares=[2, 3]) for pair in zip(pictures, over_time, strict=True)]
     return rrb.Horizontal(*columns, name=NAME)
+
+
+def _alone(rrb: Any, one: Shown, entity: Any) -> Any:
+    """One carried box: the arms, and beside them what happened."""
+    parts = (_picture(rrb, one, entity), _over_time(rrb, one, entity, alone=True))
+    return rrb.Horizontal(*parts, column_shares=[5, 4], name=one.name)
+
+
+def _picture(rrb: Any, one: Shown, entity: Any) -> Any:
+    eye = rrb.EyeControls3D(position=ABOVE if among_pots(one) else FRONT, look_target=MIDDLE, eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin=f"{entity(one.root)}/scene", name="/".join(one.root), eye_controls=eye)
 
 
 def among_pots(one: Shown) -> bool:
@@ -209,15 +246,15 @@ def _over_time(rrb: Any, one: Shown, entity: Any, *, alone: bool) -> Any:
     """Forces, deviations, V, room, and lanes; where others are shown beside it, in fewer pieces."""
     root = entity(one.root)
 
-    def plot(part: str, corner: str) -> Any:
-        legend = rrb.PlotLegend(corner=getattr(rrb.Corner2D, corner))
+    def plot(part: str) -> Any:
+        legend = rrb.PlotLegend(visible=False)  # it would lie over the curves; their colours are in the title
         return rrb.TimeSeriesView(origin=f"{root}/plot/{part}", name=PLOTS[part], plot_legend=legend)
 
-    near = [plot("clearance", "RightTop")] if np.isfinite(one.rollout.clearance).any() else []
+    near = [plot("clearance")] if np.isfinite(one.rollout.clearance).any() else []
     lanes = rrb.StateTimelineView(origin=f"{root}/lane", name="phase, gate, pushes")
-    force, deviation = plot("force", "LeftTop"), plot("deviation", "RightTop")
+    force, deviation = plot("force"), plot("deviation")
     if alone:
-        rest = rrb.Tabs(*near, plot("lyapunov", "RightTop"), plot("measured", "LeftTop"))
+        rest = rrb.Tabs(*near, plot("lyapunov"), plot("measured"))
         return rrb.Vertical(force, deviation, rest, lanes, row_shares=[3, 3, 2, 3])
-    others = rrb.Tabs(*near, deviation, plot("lyapunov", "RightTop"))
-    return rrb.Vertical(force, others, lanes, row_shares=[3, 3, 3])
+    others = rrb.Tabs(*near, deviation, plot("lyapunov"))
+    return rrb.Vertical(force, others, lanes, row_shares=[3, 3, 4])

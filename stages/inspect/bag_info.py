@@ -42,6 +42,9 @@ NOTHING: Mapping[str, Any] = {
 MOST = 8
 """Candidates of a topic that are shown."""
 
+RECORDING, BOOL = "/recording", "std_msgs/msg/Bool"
+"""Topic that says what of a recording is a demonstration: that of `clpv teleop`, and of who does as it does."""
+
 LATE = 0.2
 """Seconds between stamp and log that are worth a word."""
 
@@ -210,6 +213,8 @@ def _command(
         wrenches = best(candidates, "wrench")
         if wrenches is not None:
             line += ["--left-wrench", wrenches[0].text, "--right-wrench", wrenches[1].text]
+        if any(topic.name == RECORDING and topic.type == BOOL for topic in topics):
+            line += ["--divide", f"topic:{RECORDING}"]
         still = [one.side for one in pair if not one.moves]
         told = f", but the {still[0]} one never moves" if still else ""
         return shlex.join(line), f"By their names and by what moves{told}."

@@ -5,19 +5,25 @@ from __future__ import annotations
 import contextlib
 import shlex
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pipeline.compiled import use_cache_for
 from pipeline.console import Console
 from pipeline.errors import UsageError
+from pipeline.experiment import experiment_names
 from pipeline.project import Project
-from stages.inspect.own_files import recognise
+from stages.inspect.own_files import MCAP, RRD
+
+if TYPE_CHECKING:
+    from stages.figures.results import Results
+    from stages.inspect.shown import Shown
 
 SUFFIX = ".rrd"
 
 FILES = (SUFFIX, ".mcap", ".bag", ".db3", ".parquet", ".csv")
-"""How names end that are files' and no experiments'."""
+"""How names end that are files', where no experiment is called so."""
 
 
 def inspect(
@@ -32,20 +38,18 @@ def inspect(
     sets: Sequence[str] = (),
     seed: int | None = None,
 ) -> None:
-    """Show roll-outs of one or more experiments in rerun, on one time line.
+    """Show roll-outs of one or more experiments in rerun, on one time line; or one recording that is a file.
 
     Raises UsageError for options that do not go together, names that name nothing, and where there is no display;
     StaleError where an experiment has not been run or is out of date; StoreError where the file cannot be written.
     """
-    for name in names:
-        _no_file(name)
+    files = [name for name in names if _is_file(name, project)]
+    if files:
+        if len(names) > 1 or rollouts or points or save or sets or seed is not None:
+            raise UsageError(f"{files[0]} is a file, and is shown as it is: leave out other names and options.")
+        _show(console, _recording(files[0]), {"file": files[0]}, serve=serve)
+        return
     target = None if save is None else _target(save, serve=serve)
-    from stages.inspect import viewer
-
-    if target is None:
-        viewer.binary()
-        if not serve:
-            viewer.check_display()
     use_cache_for(project.package)  # before the imports below bring in compiled code
     from stages.figures.results import read_results
     from stages.inspect.recording import write_recording
@@ -53,41 +57,82 @@ def inspect(
 
     several = [read_results(project, project.experiment(name, sets, seed)) for name in dict.fromkeys(names)]
     shown = choose(several, rollouts, points)
-    known = sum(len(point.rollouts) for point in {id(one.point): one.point for one in shown}.values())
-    if len(shown) < known and not rollouts:
-        first = shown[0].rollout.rollout
-        console.note(f"{len(shown)} of {known} roll-outs, e.g. {first}; others with --rollout, e.g. --rollout '*'.")
+    for sentence in left_out(several, shown, rollouts, points):
+        console.note(sentence)
     document = {"experiments": list(dict.fromkeys(names)), "rollouts": ["/".join(one.root) for one in shown]}
     if target is not None:
         size = write_recording(target, shown)
-        console.result(f"recording: {save} ({size / 1e6:.1f} MB); open it with 'rerun {save}'.")
+        look = shlex.join(["clpv", "inspect", str(save)])
+        console.result(f"recording: {save} ({size / 1e6:.1f} MB); '{look}' opens it.")
         console.document({**document, "file": save, "bytes": size})
         return
+    _check(serve=serve)
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder, f"{'-'.join(dict.fromkeys(names))}{SUFFIX}")
         write_recording(recording, shown)
+        _show(console, recording, document, serve=serve)
+
+
+def left_out(
+    several: Sequence[Results], shown: Sequence[Shown], rollouts: Sequence[str], points: Sequence[str]
+) -> Iterator[str]:
+    """What a person should know of what is not shown: a sentence each."""
+    for results in several:
+        name = results.experiment.name
+        own = [one for one in shown if one.model[0] == name]
+        if results.is_sweep and not points:
+            yield f"{name}: {own[0].point.point.id}, one of {len(results.points)} points; others with --point."
+        there = {id(one.point): one.point for one in own}.values()
+        known = [r.rollout for point in there for r in point.rollouts]
+        if len(own) < len(known) and not rollouts:
+            kept = {one.rollout.rollout for one in own}
+            other = next(one for one in known if one not in kept)
+            yield f"{name}: {len(own)} of {len(known)} roll-outs; others with --rollout, e.g. --rollout '{other}'."
+
+
+def _show(console: Console, recording: Path, document: Mapping[str, Any], *, serve: bool) -> None:
+    """Show a recording in a window or in a browser, until that is ended."""
+    from stages.inspect import viewer
+
+    _check(serve=serve)
+    with contextlib.suppress(KeyboardInterrupt):  # which is how one may leave it
         if not serve:
-            console.note("The viewer is open; close its window to go on.")
-            viewer.open_window(recording)
-            console.document({**document, "file": None})
+            viewer.open_window(recording, lambda: console.note("The viewer is open; close its window to go on."))
+            console.document(dict(document))
             return
-        with viewer.served(recording) as (address, server):
+        with viewer.served(recording) as (address, wait):
             console.result(f"Open {address} in a browser of this machine; Ctrl+C ends it.")
             console.document({**document, "address": address})
-            with contextlib.suppress(KeyboardInterrupt):  # which is how one leaves it
-                server.wait()
+            wait()
 
 
-def _no_file(name: str) -> None:
-    """Raise UsageError where a file was named instead of an experiment, with the command that shows it."""
+def _check(*, serve: bool) -> None:
+    """Raise DataError where there is no viewer, UsageError where there is no display that it could open on."""
+    from stages.inspect import viewer
+
+    viewer.binary()
+    if not serve:
+        viewer.check_display()
+
+
+def _is_file(name: str, project: Project) -> bool:
+    """Whether a name is that of a file, there or not, and of no experiment."""
     path = Path(name)
-    if not (path.is_file() or path.suffix in FILES):
-        return
-    if not path.exists():
-        raise UsageError(f"{name}: there is no such file, and inspect takes experiments; 'clpv list' names them.")
-    known = recognise(path)
-    look = known.look[0] if known is not None else shlex.join(["clpv", "info", name])
-    raise UsageError(f"{name} is a file, and inspect takes experiments: '{look}' shows it.")
+    return name not in experiment_names(project.root) and (path.is_file() or path.suffix in FILES)
+
+
+def _recording(name: str) -> Path:
+    """A file that rerun opens. Raises UsageError where there is none of this name, or it holds something else."""
+    path = Path(name)
+    if not path.is_file():
+        raise UsageError(f"There is neither a file nor an experiment {name!r}; 'clpv list' names them.")
+    with path.open("rb") as stream:
+        head = stream.read(len(MCAP))
+    if not head.startswith((RRD, MCAP)):
+        raise UsageError(
+            f"{name} is no recording that rerun opens; '{shlex.join(['clpv', 'info', name])}' looks at it."
+        )
+    return path
 
 
 def _target(save: str, *, serve: bool) -> Path:
@@ -99,4 +144,6 @@ def _target(save: str, *, serve: bool) -> Path:
         raise UsageError(f"{save} is a folder: name a file in it, e.g. --save {path / ('rollouts' + SUFFIX)}.")
     if path.suffix != SUFFIX:
         raise UsageError(f"{save}: a recording's name ends in {SUFFIX}, e.g. --save {path.with_suffix(SUFFIX).name}.")
+    if not path.parent.is_dir():
+        raise UsageError(f"--save {save}: there is no folder {path.parent}; make it, or name another one.")
     return path

@@ -27,6 +27,8 @@ TABLES = {
 }
 """What our parquet files are tables of, and the stages that write them, by the name of their schema."""
 
+UNKNOWN = "A log of clpv that does not say what it is of."
+
 SWITCHES = ("compliance", "following", "coupling")
 """Facts of a roll-out that are on or off."""
 
@@ -60,7 +62,7 @@ def recognise(path: Path) -> Known | None:
     except OSError:
         return None
     if head.startswith(RRD):
-        look = shlex.join(["rerun", str(path)])
+        look = shlex.join(["clpv", "inspect", str(path)])
         what = f'{path.name} is a recording of rerun: "{look}" opens it.'
         return Known(format="rerun", writer="rerun", what=what, look=(look,))
     if head.startswith(PARQUET):
@@ -94,10 +96,14 @@ def _log(path: Path) -> Known | None:
         details = read_details(path)
     except DataError:
         details = {}  # it is damaged or unfinished, which those who open it say
-    look: tuple[str, ...] = (shlex.join(["rerun", str(path)]),)
-    if "rollout" in details:
-        look = (shlex.join(["clpv", "inspect", "NAME", "--rollout", details["rollout"]]), *look)
-    return Known(format="MCAP", writer="clpv", what=_said(details), look=look, details=details, recording=True)
+    look: tuple[str, ...] = (shlex.join(["clpv", "inspect", str(path)]),)
+    try:
+        what = _said(details)
+        if "rollout" in details:
+            look = (shlex.join(["clpv", "inspect", "NAME", "--rollout", details["rollout"]]), *look)
+    except (AttributeError, KeyError, TypeError, ValueError):  # of another version
+        what = UNKNOWN
+    return Known(format="MCAP", writer="clpv", what=what, look=look, details=details, recording=True)
 
 
 def _said(details: Mapping[str, Any]) -> str:
@@ -107,9 +113,11 @@ def _said(details: Mapping[str, Any]) -> str:
         arms = f"two {details['robot']} arms" if "robot" in details else "two arms"
         box = f"a box of {1e3 * facts['mass']:.0f} g" if "mass" in facts else "a box"
         how = [f"{name} {'on' if facts[name] else 'off'}" for name in SWITCHES if name in facts]
-        how += [f"{len(facts[name])} {name}" for name in ("pushes", "pots") if facts.get(name)]
+        for name, several in (("push", "pushes"), ("pot", "pots")):
+            count = len(facts.get(several) or ())
+            how += [f"{count} {name if count == 1 else several}"] if count else []
         told = f", {', '.join(how)}" if how else ""
         return f"A roll-out of clpv: {details['rollout']}, {arms} and {box}{told}. Outcome: {details['outcome']}."
     if "number" in details:
         return f"A demonstration by 'clpv teleop': number {details['number'] + 1} of seed {details['seed']}."
-    return "A log of clpv that does not say what it is of."
+    return UNKNOWN

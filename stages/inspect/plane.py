@@ -19,14 +19,15 @@ from stages.figures.results import PointResults
 from stages.figures.style import limits
 from stages.inspect.shown import Shown, case_of, undisturbed_first
 from stages.inspect.stream import PLANAR, Colour, Stream, rgb
-from stages.policy.avoidance.shapes import BOX, RADIUS, SIZES
+from stages.policy.avoidance.shapes import BOX, RADIUS, REACH, SIZES
 from stages.policy.outcome import Status
 from stages.trajectory import Array
+from stages.world.description import quaternions
 
 UPWARDS = (1.0, -1.0, 1.0)
 """The viewer's second coordinate points down; a picture of a plane has it point up."""
 
-GRID = 26
+GRID = 24
 """Arrows of the flow along the longer side."""
 
 DEVIATIONS = (1.0, 2.0)
@@ -89,7 +90,7 @@ def draw_model(stream: Stream, root: str, point: PointResults) -> None:
             stream.rr.Ellipsoids3D(
                 centers=means,
                 half_sizes=np.sqrt(variances),
-                quaternions=_quaternions(axes),
+                quaternions=quaternions(axes),
                 colors=[(*COMPONENT, 60)],
                 line_radii=[0.2 * THIN * size],
             ),
@@ -103,9 +104,10 @@ def _flow(stream: Stream, root: str, point: PointResults) -> None:
     grid = np.stack(np.meshgrid(np.arange(x0, x1, step), np.arange(y0, y1, step)), axis=-1).reshape(-1, 2)
     velocity = point.model.velocity(grid)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    arrows = 0.6 * step * np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
-    drawn = stream.rr.Arrows2D(origins=grid - 0.5 * arrows, vectors=arrows, colors=[FAINT], radii=[0.03 * step])
+    arrows = 0.75 * step * np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
+    drawn = stream.rr.Arrows2D(origins=grid - 0.5 * arrows, vectors=arrows, colors=[FAINT], radii=[0.02 * step])
     stream.still(root, drawn)
+    stream.spots(f"{root}/heads", grid + 0.5 * arrows, FAINT, 0.07 * step)  # arrows' own cannot be seen at this size
 
 
 def draw_rollout(stream: Stream, root: str, one: Shown) -> None:
@@ -155,7 +157,7 @@ def draw_obstacles(stream: Stream, root: str, scene: RecordedScene, time: Array)
     """
     shapes, d = scene.shapes, scene.shapes.centres.shape[1]
     moments = time[np.unique(np.linspace(0, time.shape[0] - 1, MOMENTS).astype(int))]
-    size = float(shapes.measures[:, RADIUS].max(initial=0.0))
+    size = float(shapes.measures[:, REACH].max(initial=0.0))
     for index in range(shapes.number):
         entity, velocity = f"{root}/{index + 1}", shapes.velocities[index]
         if d == PLANAR:
@@ -176,7 +178,7 @@ def draw_obstacles(stream: Stream, root: str, scene: RecordedScene, time: Array)
             else:
                 body = stream.rr.Ellipsoids3D(half_sizes=[half], colors=[(*OBSTACLE, 90)], fill_mode="solid")
             stream.still(entity, body)
-            turn = _quaternions(shapes.frames[index][None])
+            turn = quaternions(shapes.frames[index][None])
             where = shapes.centres[index] + moments[:, None] * velocity
             stream.columns(
                 entity,
@@ -202,9 +204,7 @@ def layout(rrb: Any, shown: Sequence[Shown], entity: Any) -> Any:
             cases.setdefault((one.model, case_of(one.rollout)), []).append(one)
         several = len({one.model for one in of}) > 1
         views = [_view(rrb, some, entity, several=several) for some in cases.values()]
-        pictures = (
-            views[0] if len(views) == 1 else rrb.Grid(*views, grid_columns=min(len(views), 3 if len(views) <= 6 else 4))
-        )
+        pictures = views[0] if len(views) == 1 else rrb.Grid(*views, grid_columns=columns_of(len(views)))
         # Over time one start of each case: more lines than that nobody tells apart.
         told = [some[0] for some in cases.values()]
         name = condition_name(condition)
@@ -212,12 +212,17 @@ def layout(rrb: Any, shown: Sequence[Shown], entity: Any) -> Any:
     return tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs, name="roll-outs")
 
 
+def columns_of(views: int) -> int:
+    """In how many columns pictures stand, so that as few places as can be stay empty."""
+    return views if views <= 3 else 2 if views == 4 else 3 if views <= 6 else 4
+
+
 def _view(rrb: Any, some: Sequence[Shown], entity: Any, *, several: bool) -> Any:
     """The picture of a case: its roll-outs over the model."""
     first = some[0]
     method = "" if first.rollout.avoidance == "none" else f", {method_title(first.rollout.avoidance)}"
-    of = f"{'/'.join(first.model[:-1])}: " if several else ""
-    name = f"{of}{controller_name(first.rollout.label)}{method}"
+    of = f" \u00b7 {'/'.join(first.model[:-1])}" if several else ""
+    name = f"{controller_name(first.rollout.label)}{method}{of}"
     contents = [f"+ {entity(first.model)}/**"]
     contents += [f"+ {entity(one.scene)}/**" for one in some if one.scene]
     for one in some:
@@ -235,10 +240,11 @@ def _view(rrb: Any, some: Sequence[Shown], entity: Any, *, several: bool) -> Any
 def _plots(rrb: Any, told: Sequence[Shown], entity: Any) -> Any:
     """Over time: distance from x, V, clearance; and below, lanes of words."""
     plots = []
+    start = f"start {told[0].rollout.demo}"
     for part, name in (
-        ("gap", "executed from x [mm]"),
-        ("lyapunov", "V of x [mm\u00b2]"),
-        ("clearance", "clearance [mm]"),
+        ("gap", f"executed from x [mm], {start}"),
+        ("lyapunov", f"V of x [mm\u00b2], {start}"),
+        ("clearance", f"clearance [mm], {start}"),
     ):
         some = [one for one in told if _has(one, part)]
         if some:
@@ -285,10 +291,3 @@ def ellipses(means: Array, covariances: Array, deviations: float) -> list[Array]
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     factors = np.linalg.cholesky(covariances)
     return [mean + deviations * ring @ factor.T for mean, factor in zip(means, factors, strict=True)]
-
-
-def _quaternions(rotations: Array) -> Array:
-    """Quaternions x y z w of rotations, array, shape (n, 3, 3) -> (n, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotations).as_quat())

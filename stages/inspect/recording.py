@@ -7,17 +7,16 @@ rerun is imported here when the first recording is made. Not here: which roll-ou
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import DataError
-from pipeline.store import write_atomically
+from pipeline.store import replacing
 from stages.inspect import arms, plane
 from stages.inspect.about import about
 from stages.inspect.shown import Shown
-from stages.inspect.stream import TIMELINE, Stream
+from stages.inspect.stream import PLANAR, TIMELINE, Stream
 
 APPLICATION = "clpv"
 """What the viewer groups recordings by, and remembers layouts for."""
@@ -35,17 +34,17 @@ def write_recording(path: Path, shown: Sequence[Shown]) -> int:
         return str(rr.new_entity_path(list(parts)))
 
     title = ", ".join(dict.fromkeys(one.model[0] for one in shown))
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder, path.name)
+    with replacing(path) as temporary:
+        temporary.touch()  # what cannot be written is known before rerun tries
         to = rr.RecordingStream(APPLICATION, recording_id=identity(shown), send_properties=False)
-        to.save(made, default_blueprint=_blueprint(rrb, shown, entity))
-        to.send_recording_name(title if len(shown) > 1 else "/".join(shown[0].root))
-        _draw(Stream(rr=rr, to=to), shown, entity)
-        to.flush()
-        to.disconnect()
-        content = made.read_bytes()
-    write_atomically(path, content)
-    return len(content)
+        to.save(temporary, default_blueprint=_blueprint(rrb, shown, entity))
+        try:
+            to.send_recording_name(title if len(shown) > 1 else "/".join(shown[0].root))
+            _draw(Stream(rr=rr, to=to), shown, entity)
+        finally:
+            to.flush()
+            to.disconnect()
+    return path.stat().st_size
 
 
 def rerun() -> tuple[Any, Any]:
@@ -67,17 +66,19 @@ def identity(shown: Sequence[Shown]) -> str:
 def _draw(stream: Stream, shown: Sequence[Shown], entity: Any) -> None:
     """Models and scenes once, then every roll-out."""
     points = [one for one in shown if not one.carries]
-    if any(one.rollout.x.shape[1] == 2 for one in points):
-        for name in dict.fromkeys(one.model[0] for one in points):
-            stream.still(entity([name]), stream.rr.Transform3D(scale=plane.UPWARDS))
+    for model in dict.fromkeys(one.model[:-1] for one in points if one.rollout.x.shape[1] == PLANAR):
+        stream.still(entity(model), stream.rr.Transform3D(scale=plane.UPWARDS))
     for model, one in {one.model: one for one in points}.items():
         plane.draw_model(stream, entity(model), one.point)
     for scene in dict.fromkeys(one.scene for one in points if one.scene):
         there = [one for one in points if one.scene == scene]
         longest = max((one.rollout.time for one in there), key=len)
         plane.draw_obstacles(stream, entity(scene), there[0].point.scenes[there[0].rollout.scene], longest)
-    for one in shown:
-        (arms.draw_carry if one.carries else plane.draw_rollout)(stream, entity(one.root), one)
+    carried = [one for one in shown if one.carries]
+    for one in carried:
+        arms.draw_carry(stream, entity(one.root), one, meshes=len(carried) <= arms.MESHED)
+    for one in points:
+        plane.draw_rollout(stream, entity(one.root), one)
     text = stream.rr.TextDocument(about(shown), media_type=stream.rr.MediaType.MARKDOWN)
     stream.still("about", text)
 

@@ -7,6 +7,7 @@ the settings of the program that serves it are. A Content-Security-Policy is kep
 from __future__ import annotations
 
 import contextlib
+import http.client
 import shutil
 import threading
 import urllib.error
@@ -16,6 +17,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 KEPT = ("Content-Type", "Content-Length", "Content-Encoding", "rerun-final-length")
 """Headers of the viewer's server that are passed on; by the last one its page shows how much has been loaded."""
+
+DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+"""What is on this machine is not asked of a proxy."""
 
 SECONDS = 30.0
 """For which an answer of the viewer's server is waited for."""
@@ -39,7 +43,7 @@ def relayed(host: str, port: int, behind: str, feed: str) -> Iterator[ThreadingH
         def do_GET(self) -> None:
             """Pass a page or a file on."""
             try:
-                with urllib.request.urlopen(behind + self.path, timeout=SECONDS) as answer:
+                with DIRECT.open(behind + self.path, timeout=SECONDS) as answer:
                     self.send_response(answer.status)
                     for name in KEPT:
                         if name in answer.headers:
@@ -51,6 +55,8 @@ def relayed(host: str, port: int, behind: str, feed: str) -> Iterator[ThreadingH
                 self.send_error(error.code)
             except ConnectionError:
                 pass  # the browser has gone
+            except (http.client.HTTPException, ValueError):  # no path that can be asked for
+                self.send_error(400)
             except OSError:
                 self.send_error(502)
 

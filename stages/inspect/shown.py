@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 from pipeline.errors import UsageError, choices
+from pipeline.experiment import Experiment
 from pipeline.report import PALETTE
 from stages.artifacts.rollouts import RecordedRollout
 from stages.figures.numbers import UNDISTURBED, condition_name, controller_name, method_title
@@ -30,6 +31,8 @@ SERIES: tuple[Colour, ...] = (
 )
 """Colours that take turns where nothing else tells roll-outs apart: those of the report, and three more."""
 
+Kept = tuple[Results, PointResults, RecordedRollout]
+
 MANY = 8
 """Roll-outs that a sentence names at most."""
 
@@ -41,7 +44,8 @@ class Shown:
     Attributes:
         root: of its entities, parts of a path.
         model: of the entities of the learned system that it shares with others, parts of a path.
-        point: whose it is.
+        experiment: whose it is.
+        point: of its sweep, or the only one.
         rollout: what happened.
         name: what legends call it.
         colour: of its lines, where it is the only thing that tells it from others.
@@ -49,6 +53,7 @@ class Shown:
 
     root: tuple[str, ...]
     model: tuple[str, ...]
+    experiment: Experiment
     point: PointResults
     rollout: RecordedRollout
     name: str
@@ -73,46 +78,59 @@ def choose(several: Sequence[Results], patterns: Sequence[str], points: Sequence
         patterns: names of roll-outs, with ``*`` and ``?``; none: those that show the most.
         points: of sweeps, by their ids; none: the one that stands for all.
 
-    Raises UsageError where a pattern or a point names nothing.
+    Raises UsageError where a pattern or a point names nothing, or nothing of an experiment is chosen.
     """
     found = [(results, point) for results in several for point in _points(results, points)]
-    _known(points, [point.point.id for results in several for point in results.points], "point")
+    _known(points, [name for results in several for point in results.points for name in _names(point)], "point")
     known = list(dict.fromkeys(r.rollout for _, point in found for r in point.rollouts))
     _known(patterns, known, "roll-out")
-    kept: list[tuple[Results, PointResults, RecordedRollout]] = []
+    kept: list[Kept] = []
     for results, point in found:
         if patterns:
             some: Iterable[RecordedRollout] = (
-                r for r in point.rollouts if any(fnmatchcase(r.rollout, pattern) for pattern in patterns)
+                r for r in point.rollouts if any(_is(r.rollout, pattern) for pattern in patterns)
             )
         else:
             some = telling(point.rollouts, kept[0][2].rollout if kept else "")
         kept += [(results, point, rollout) for rollout in some]
+    for results in several:
+        if not any(one is results for one, _, _ in kept):
+            raise UsageError(f"Nothing of {results.experiment.name} is chosen: leave it out, or choose otherwise.")
     return _named(kept)
 
 
 def _points(results: Results, wanted: Sequence[str]) -> list[PointResults]:
     if wanted:
-        return [point for point in results.points if any(fnmatchcase(point.point.id, text) for text in wanted)]
+        return [point for point in results.points if any(_is(n, text) for n in _names(point) for text in wanted)]
     return [results.own.shown]
+
+
+def _names(point: PointResults) -> tuple[str, str]:
+    """What a point of a sweep may be called: its id, and its name without what all share."""
+    return point.point.id, point.name
+
+
+def _is(name: str, pattern: str) -> bool:
+    """Whether a name is the one that is meant, or fits the wildcards."""
+    return name == pattern or fnmatchcase(name, pattern)
 
 
 def _known(patterns: Sequence[str], names: Sequence[str], what: str) -> None:
     """Raises UsageError for the first pattern that names nothing."""
     for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in names):
+        if not any(_is(name, pattern) for name in names):
             near = names if len(names) <= MANY else get_close_matches(pattern, names, n=MANY, cutoff=0.0)
             more = "" if len(names) <= MANY else f" These {len(near)} of {len(names)} come nearest; * is a wildcard."
             raise UsageError(f"There is no {what} {pattern!r}; {choices(pattern, near)}{more}")
 
 
-def _named(kept: Sequence[tuple[Results, PointResults, RecordedRollout]]) -> list[Shown]:
+def _named(kept: Sequence[Kept]) -> list[Shown]:
     """With entity paths, names and colours; what all have in common is left out of the names."""
     titles = [_title(results, point, rollout) for results, point, rollout in kept]
     # Roll-outs of a point are shown apart by condition, and one start of each: this part of a title says the same.
     told = COARSE if kept and all(rollout.carry is None for _, _, rollout in kept) else len(titles[0]) if titles else 0
     apart = [index for index in range(told) if len({title[index] for title in titles}) > 1]
-    colours = _colours([rollout for _, _, rollout in kept])
+    colours = _colours(kept)
     made = []
     for (results, point, rollout), title, colour in zip(kept, titles, colours, strict=True):
         model = (results.experiment.name, *((point.point.id,) if results.is_sweep else ()))
@@ -121,6 +139,7 @@ def _named(kept: Sequence[tuple[Results, PointResults, RecordedRollout]]) -> lis
             Shown(
                 root=(*model, *rollout.rollout.split("/")),
                 model=(*model, "model"),
+                experiment=results.experiment,
                 point=point,
                 rollout=rollout,
                 name=name,
@@ -145,12 +164,15 @@ def _title(results: Results, point: PointResults, rollout: RecordedRollout) -> t
     )
 
 
-def _colours(rollouts: Sequence[RecordedRollout]) -> list[Colour]:
-    """By controller where controllers differ and methods do not; else by what is shown in turn."""
-    if rollouts and all(r.carry is None and r.avoidance == "none" for r in rollouts):
+def _colours(kept: Sequence[Kept]) -> list[Colour]:
+    """By controller where controllers differ, and methods and points do not; else by what is shown in turn."""
+    rollouts = [rollout for _, _, rollout in kept]
+    single = len({id(point) for _, point, _ in kept}) == 1
+    if single and all(r.carry is None and r.avoidance == "none" for r in rollouts):
         return [rgb(CONTROLLERS.get(r.label, "series-4"), PALETTE) for r in rollouts]
-    cases = list(dict.fromkeys(case_of(r) for r in rollouts))
-    return [SERIES[cases.index(case_of(r)) % len(SERIES)] for r in rollouts]
+    cases = [(id(point), case_of(rollout)) for _, point, rollout in kept]
+    order = list(dict.fromkeys(cases))
+    return [SERIES[order.index(case) % len(SERIES)] for case in cases]
 
 
 def case_of(rollout: RecordedRollout) -> tuple[str, ...]:

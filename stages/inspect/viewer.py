@@ -11,11 +11,14 @@ import importlib.util
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from pipeline.errors import DataError, UsageError
@@ -26,6 +29,9 @@ HERE = "127.0.0.1"
 
 WEB, FEED = 9090, 9876
 """Ports at which a browser finds the viewer, and the viewer its recording, unless they are taken."""
+
+SOON = 1.0
+"""Seconds after which a viewer that has not ended is there."""
 
 SAVE = "add --save FILE.rrd and open the file where there is one, or --serve"
 
@@ -50,43 +56,89 @@ def check_display() -> None:
         raise UsageError(f"There is no display to open the viewer on: {SAVE}.")
 
 
-def open_window(recording: Path) -> None:
-    """Show a recording in a window, until it is closed. Raises DataError where the viewer cannot."""
+def open_window(recording: Path, opened: Callable[[], None]) -> None:
+    """Show a recording in a window, until it is closed; `opened` is called when it is there.
+
+    Raises DataError where the viewer cannot.
+    """
     # A port that nobody uses, so that a viewer that is open already does not take the recording.
-    code, said = _run(["--bind", HERE, "--port", "auto", str(recording)], timeout=None)
-    if code != 0:
-        reason = next((line for line in reversed(said) if line.strip()), f"exit code {code}").strip()
-        raise DataError("the viewer", f"ended with an error ({reason[:200]}): {SAVE}.")
+    with _started(["--bind", HERE, "--port", "auto", str(recording)]) as (viewer, said):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            viewer.wait(timeout=SOON)
+        if viewer.poll() is None:
+            opened()
+        code = viewer.wait()
+        if code != 0:
+            raise DataError("the viewer", f"ended with an error ({_reason(code, said)}): {SAVE}.")
 
 
 @contextlib.contextmanager
-def served(recording: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Serve a recording to browsers of this machine; gives the address to open, and the server.
+def served(recording: Path) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Serve a recording to browsers of this machine; gives the address to open, and a function that waits.
 
-    Raises DataError where the server does not start.
+    That raises DataError where the server ends by itself. Raises DataError where it does not start.
     """
     web, feed, inner = free_port(WEB), free_port(FEED), free_port(0)
     options = ["--serve-web", "--bind", HERE, "--web-viewer-port", str(inner), "--port", str(feed), str(recording)]
-    with _private() as environment:
-        server = subprocess.Popen(
-            [str(binary()), *options],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        try:
-            _wait_for(server, inner)
-            with relayed(HERE, web, f"http://{HERE}:{inner}", f"http://{HERE}:{feed}"):
-                yield f"http://{HERE}:{web}/?theme=dark&url=rerun%2Bhttp%3A%2F%2F{HERE}%3A{feed}%2Fproxy", server
-        finally:
-            server.terminate()
+    with _started(options) as (server, said):
+        _wait_for(server, inner)
+
+        def wait() -> None:
+            code = server.wait()
+            raise DataError("the viewer", f"its server ended by itself ({_reason(code, said)}): start it again.")
+
+        with relayed(HERE, web, f"http://{HERE}:{inner}", f"http://{HERE}:{feed}"):
+            yield f"http://{HERE}:{web}/?theme=dark&url=rerun%2Bhttp%3A%2F%2F{HERE}%3A{feed}%2Fproxy", wait
+
+
+@contextlib.contextmanager
+def _started(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """The viewer as a process of its own, and the file of what it says; it ends when it is left, however that is."""
+    with _private() as (environment, folder), _signals():
+        said = folder / "said"
+        with said.open("wb") as stream:
+            process = subprocess.Popen(
+                [str(binary()), *options],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=stream,
+            )
             try:
-                server.wait(timeout=5.0)
-            except subprocess.TimeoutExpired:
-                server.kill()
-                server.wait()
+                yield process, said
+            finally:
+                process.terminate()
+                try:
+                    process.wait(timeout=5.0)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+
+
+def _reason(code: int, said: Path) -> str:
+    """Why the viewer ended, by its exit code and by what it said."""
+    if code < 0:
+        return f"signal {-code}"
+    lines = [line for line in said.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+    return errors[0][:200] if errors else f"exit code {code}"
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[None]:
+    """Let what ends this process (kill, a terminal that is closed) end it in order, so that nothing is left behind."""
+
+    def end(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def free_port(wanted: int) -> int:
@@ -103,10 +155,8 @@ def free_port(wanted: int) -> int:
     raise DataError("the viewer", f"no port of {HERE} is free: close other servers.")
 
 
-def _wait_for(server: subprocess.Popen[str], port: int, seconds: float = 30.0) -> None:
+def _wait_for(server: subprocess.Popen[bytes], port: int, seconds: float = 30.0) -> None:
     """Return when the server answers. Raises DataError where it ends, or does not in time."""
-    import time
-
     until = time.monotonic() + seconds
     while time.monotonic() < until and server.poll() is None:
         with contextlib.suppress(OSError), socket.create_connection((HERE, port), timeout=0.5):
@@ -115,23 +165,19 @@ def _wait_for(server: subprocess.Popen[str], port: int, seconds: float = 30.0) -
     raise DataError("the viewer", "its server did not start: write a file with --save FILE.rrd instead.")
 
 
-def _run(options: Sequence[str], timeout: float | None) -> tuple[int, list[str]]:
-    """Run the viewer to its end; its exit code, and the lines that it said on standard error."""
-    with _private() as environment:
-        done = subprocess.run(
-            [str(binary()), *options], env=environment, stderr=subprocess.PIPE, text=True, timeout=timeout, check=False
-        )
-    return done.returncode, done.stderr.splitlines()
-
-
 @contextlib.contextmanager
-def _private() -> Iterator[dict[str, str]]:
-    """An environment in which the viewer's analytics are off, whatever the user's own settings are."""
-    with tempfile.TemporaryDirectory() as folder:
-        settings = Path(folder, "rerun", "analytics.json")
+def _private() -> Iterator[tuple[dict[str, str], Path]]:
+    """An environment in which the viewer's analytics are off, whatever the user's settings are, and its own folder.
+
+    There it keeps what it writes on the way, too.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        settings = folder / "rerun" / "analytics.json"
         settings.parent.mkdir()
         # All fields: the viewer takes a file that lacks one for none, and writes its own, with analytics on.
         off = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
-        paths = {"config_file_path": str(settings), "data_dir_path": folder}
+        paths = {"config_file_path": str(settings), "data_dir_path": name}
         settings.write_text(json.dumps({**off, **paths}), encoding="utf-8")
-        yield {**os.environ, "XDG_CONFIG_HOME": folder, "TELEMETRY_ENABLED": "false"}
+        own = {"XDG_CONFIG_HOME": name, "TMPDIR": name, "TELEMETRY_ENABLED": "false"}
+        yield {**os.environ, **own, "RUST_LOG": "error", "NO_COLOR": "1"}, folder

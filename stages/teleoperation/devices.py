@@ -221,6 +221,10 @@ def described(given: KeyboardParameters | GamepadParameters) -> tuple[str, ...]:
     )
 
 
+UNSEEN = ("dummy", "offscreen")
+"""Drivers of SDL that show nothing to nobody; it falls back to them by itself."""
+
+
 @contextmanager
 def open_window(given: KeyboardParameters | GamepadParameters) -> Iterator[Window]:
     """Initialise pygame, show what the keys do in a small window, hand out its events; at the end, all is closed.
@@ -231,6 +235,9 @@ def open_window(given: KeyboardParameters | GamepadParameters) -> Iterator[Windo
     try:
         try:
             pygame.display.init()
+            driver = pygame.display.get_driver()
+            if driver in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != driver:  # taken for want of a screen
+                raise pygame.error("there is no display")
             pygame.font.init()
             window = Window(pygame, described(given))
         except pygame.error as error:

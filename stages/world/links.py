@@ -25,7 +25,7 @@ class Visual:
         link: its name.
         joint: number of the joint that leads to the link, counted from the base; 0: the link is the base itself.
         mesh: its file; none: it is a box.
-        edges: array, shape (3,): of the box, metres, or the scale of the mesh.
+        edges: array, shape (3,): of the box, metres; of a mesh the factors by which it is larger than its file says.
         place: array, shape (3,), metres, in the link's frame.
         turn: array, shape (3, 3), in the link's frame.
     """

@@ -103,8 +103,16 @@ def test_files_are_named_by_section_and_number_and_stale_ones_go(tmp_path: Path)
     assert [path.name for path in first] == names
     (folder / "notes.txt").write_text("mine", encoding="utf-8")
     (folder / "my-photo.png").write_bytes(b"mine")
+    (folder / "holiday-1.png").write_bytes(b"mine")  # called as ours are, and not ours
     second = write_pictures([section(figure())], folder)
-    assert sorted(path.name for path in folder.iterdir()) == ["my-photo.png", "notes.txt", "one-1.png", "one-1.svg"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        ".pictures",
+        "holiday-1.png",
+        "my-photo.png",
+        "notes.txt",
+        "one-1.png",
+        "one-1.svg",
+    ]
     assert [path.name for path in second] == names[:2]
 
 

@@ -92,7 +92,7 @@ def carried(n: int = 6, seed: int = 0) -> SimpleNamespace:
         lyapunov=draw(size=n),
         rollout="clpvds-robust/compliant/3",
         outcome=Outcome.ARRIVED,
-        scene_facts={"mass": 0.4, "bias": [0.1, -0.1], "compliance": True},
+        scene_facts={"mass": 0.4, "following": True, "bias": [0.1, -0.1], "compliance": True},
     )
 
 
@@ -274,7 +274,7 @@ def test_a_roll_out_says_what_it_was(tmp_path: Path) -> None:
         "rollout": "clpvds-robust/compliant/3",
         "outcome": "arrived",
         "robot": "iiwa",
-        "facts": {"mass": 0.4, "bias": [0.1, -0.1], "compliance": True},
+        "facts": {"mass": 0.4, "following": True, "bias": [0.1, -0.1], "compliance": True},
     }
     assert read_parameters(tmp_path / "one.mcap") == PARAMETERS
 
@@ -497,3 +497,10 @@ def test_the_commands_read_demonstrations(project: Path, clpv: Invoke) -> None:
     assert found["data"]["ingest: counts"].startswith("demonstrations 2, train 2")
     text = (project / "datasets" / "made" / "dataset.toml").read_text()
     assert all(f"demo{number}" in text for number in (1, 2))
+
+
+def test_where_nobody_follows_there_is_no_threshold(tmp_path: Path) -> None:
+    one = carried()
+    one.scene_facts = {**one.scene_facts, "following": False}
+    write_carry_log(tmp_path / "one.mcap", one)
+    assert of(read_log(tmp_path / "one.mcap"), "/policy/deviations", Numbers).names == ("left", "right")

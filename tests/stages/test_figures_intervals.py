@@ -128,6 +128,8 @@ def test_means_as_tables_write_them() -> None:
     assert mean_cell(rows[:2], "force") == "5.00"
     assert mean_cell([*rows[:2], {"point": "0", "force": None}, {"point": "0", "force": math.nan}], "force") == "5.00"
     assert mean_cell([], "force") == mean_cell([{"point": "0", "force": None}], "force") == MISSING
+    wide = spread_cell([0.0, 0.1, 1.0], range(3), "share", ratio=True)
+    assert wide == f"37{NO_BREAK}% (0.0{NO_BREAK}to{NO_BREAK}100{NO_BREAK}%)"
     assert spread_cell([0.25] * 2, range(2), "share", ratio=True) == f"25{NO_BREAK}%"
     assert (
         spread_cell([0.25] * 30, range(30), "share", ratio=True)

@@ -13,6 +13,7 @@ import pytest
 from pages import check_page
 from support import Invoke, make_project
 
+from pipeline.pictures import LIST
 from pipeline.report import Code, Figure, Key, Panel, Paragraph, Section, Table
 from stages.figures.index import COMMAND, Entry, Skipped, index_page
 
@@ -25,6 +26,7 @@ def test_figures_are_written_beside_the_report(computed: Path, clpv: Invoke) -> 
     folder = computed / "runs" / "quickstart"
     (folder / "figures").mkdir()
     (folder / "figures" / "pushed-9.png").write_bytes(b"of an earlier call")
+    (folder / "figures" / LIST).write_text("pushed-9.png\n../experiment.toml\n", encoding="utf-8")
     result = clpv(computed, "report", "quickstart", "--figures", "--json")
     assert result.exit_code == 0
     document = json.loads(result.stdout)
@@ -32,7 +34,8 @@ def test_figures_are_written_beside_the_report(computed: Path, clpv: Invoke) -> 
     assert document["figures"] == [f"runs/quickstart/figures/{name}" for name in names]
     assert document["file"] == "runs/quickstart/report.html"
     assert document["bytes"] == (folder / "report.html").stat().st_size
-    assert sorted(path.name for path in (folder / "figures").iterdir()) == sorted(names)
+    assert sorted(path.name for path in (folder / "figures").iterdir()) == sorted([LIST, *names])
+    assert (folder / "experiment.toml").is_file()  # whatever the list says, pictures alone are removed
     before = {name: (folder / "figures" / name).read_bytes() for name in names}
     result = clpv(computed, "report", "quickstart", "--figures")
     assert result.stdout == "report: runs/quickstart/report.html\nfigures: runs/quickstart/figures, 8 files\n"
@@ -42,9 +45,15 @@ def test_figures_are_written_beside_the_report(computed: Path, clpv: Invoke) -> 
 def test_figures_of_a_named_file_have_a_folder_of_its_name(computed: Path, clpv: Invoke, tmp_path: Path) -> None:
     target = tmp_path / "out" / "mine.html"
     result = clpv(computed, "report", "quickstart", "--figures", "-o", str(target))
-    assert result.exit_code == 0
+    assert result.exit_code == 2
+    assert (
+        result.stderr
+        == f"error: --output {target}: there is no folder {target.parent}; make it, or name another one.\n"
+    )
+    target.parent.mkdir()
+    assert clpv(computed, "report", "quickstart", "--figures", "-o", str(target)).exit_code == 0
     assert sorted(path.name for path in target.parent.iterdir()) == ["mine-figures", "mine.html"]
-    assert len(list((tmp_path / "out" / "mine-figures").iterdir())) == 8
+    assert len(list((tmp_path / "out" / "mine-figures").glob("[!.]*"))) == 8
     assert not (computed / "runs" / "quickstart" / "report.html").exists()
 
 
@@ -62,8 +71,8 @@ def test_output_that_names_no_file_is_refused(
 def test_output_below_a_file_is_refused(computed: Path, clpv: Invoke, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     result = clpv(computed, "report", "quickstart", "-o", str(tmp_path / "file" / "report.html"))
-    assert result.exit_code == 1
-    assert result.stderr.startswith("error: report.html cannot be written: ")
+    assert result.exit_code == 2
+    assert result.stderr.endswith(f"there is no folder {tmp_path / 'file'}; make it, or name another one.\n")
 
 
 def test_the_page_repeats_the_options_that_changed_the_experiment(computed: Path, clpv: Invoke) -> None:
@@ -76,10 +85,10 @@ def test_the_page_repeats_the_options_that_changed_the_experiment(computed: Path
     lines = [shlex.split(line) for line in html.unescape(found[1]).splitlines()]
     assert lines == [
         ["clpv", "run", "quickstart", *options],
-        ["clpv", "verify", "quickstart"],
         ["clpv", "report", "quickstart", *options],
+        ["clpv", "inspect", "quickstart", *options],
     ]
-    assert "Options of the command changed the experiment for this report" in page
+    assert "it&#x27;s &amp; one. Options of the command changed it for this report, see below." in page
     check_page(page)
 
 

@@ -491,10 +491,11 @@ def foreign(path: Path, message: str, metadata: dict[str, str], data: bytes = by
 @pytest.mark.parametrize(
     ("message", "metadata", "said"),
     [
+        ("std_msgs/msg/Float64", {}, "was not written by clpv"),
         (
             "std_msgs/msg/Float64",
-            {},
-            "holds messages of type std_msgs/msg/Float64; ",
+            {KEY: "{}"},
+            "holds std_msgs/msg/Float64, as another version of clpv wrote it: run the stage again",
         ),
         ("std_msgs/msg/Bool", {}, "was not written by clpv"),
         ("geometry_msgs/msg/PoseStamped", {KEY: "{}"}, r"is damaged \('frame'\): run the stage again"),

@@ -673,3 +673,9 @@ def test_without_a_display_one_sentence_says_so(pygame: Any, monkeypatch: pytest
     says = "kind = keyboard needs a window, and none can be opened"
     with pytest.raises(UsageError, match=says), open_window(KeyboardParameters()):
         pass
+    # What SDL falls back to by itself is no display, either.
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(UsageError, match=says), open_window(KeyboardParameters()):
+        pass
+    assert not pygame.display.get_init()

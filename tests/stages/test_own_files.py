@@ -53,13 +53,13 @@ def test_a_roll_out_says_first_what_it_is(tmp_path: Path, clpv: Invoke) -> None:
     at = lines.index("To look at it:")
     assert lines[at + 1 : at + 3] == [
         "    clpv inspect NAME --rollout clpvds-robust/held/0",
-        f"    rerun {tmp_path}/one.mcap",
+        f"    clpv inspect {tmp_path}/one.mcap",
     ]
     assert lines[-1] == f"    clpv ingest one {tmp_path}/one.mcap --left /left/pose --right /right/pose"
     found = json.loads(shown(clpv, tmp_path, "one.mcap", "--json"))
     assert found["written_by"] == "clpv"
     assert found["what"] == lines[0]
-    assert found["look"] == ["clpv inspect NAME --rollout clpvds-robust/held/0", f"rerun {tmp_path}/one.mcap"]
+    assert found["look"] == ["clpv inspect NAME --rollout clpvds-robust/held/0", f"clpv inspect {tmp_path}/one.mcap"]
     assert found["details"] == ROLLOUT
 
 
@@ -67,8 +67,8 @@ def test_a_demonstration_says_its_number_and_seed(tmp_path: Path, clpv: Invoke) 
     write_log(tmp_path / "demo2.mcap", poses(), DEMONSTRATION)
     lines = shown(clpv, tmp_path, "demo2.mcap").splitlines()
     assert lines[0] == "A demonstration by 'clpv teleop': number 2 of seed 3."
-    assert not any("clpv inspect" in line for line in lines)
-    assert f"    rerun {tmp_path}/demo2.mcap" in lines
+    assert not any("clpv inspect NAME" in line for line in lines)
+    assert f"    clpv inspect {tmp_path}/demo2.mcap" in lines
 
 
 @pytest.mark.parametrize(
@@ -76,6 +76,14 @@ def test_a_demonstration_says_its_number_and_seed(tmp_path: Path, clpv: Invoke) 
     [
         ({"rollout": "a/b/0", "outcome": "lost"}, "A roll-out of clpv: a/b/0, two arms and a box. Outcome: lost."),
         ({}, "A log of clpv that does not say what it is of."),
+        # Of another version, or made by hand: it is told as far as it can be.
+        ({"rollout": "a/b/0"}, "A log of clpv that does not say what it is of."),
+        ({"number": 1}, "A log of clpv that does not say what it is of."),
+        ({"rollout": "a/b/0", "outcome": "lost", "facts": None}, "A log of clpv that does not say what it is of."),
+        (
+            {"rollout": "a/b/0", "outcome": "lost", "facts": {"pushes": [{}], "pots": []}},
+            "A roll-out of clpv: a/b/0, two arms and a box, 1 push. Outcome: lost.",
+        ),
     ],
 )
 def test_logs_that_say_less(tmp_path: Path, details: dict[str, Any], what: str) -> None:
@@ -100,7 +108,7 @@ def test_a_recording_of_rerun(tmp_path: Path, clpv: Invoke) -> None:
     to.log("x", rr.Scalars(1.0))
     to.flush()
     to.disconnect()
-    command = f"rerun '{tmp_path}/a b.rrd'"
+    command = f"clpv inspect '{tmp_path}/a b.rrd'"
     assert shown(clpv, tmp_path, "a b.rrd") == f'a b.rrd is a recording of rerun: "{command}" opens it.\n'
     found = json.loads(shown(clpv, tmp_path, "a b.rrd", "--json"))
     assert (found["format"], found["written_by"], found["look"]) == ("rerun", "rerun", [command])

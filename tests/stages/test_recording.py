@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
+import socket
 import subprocess
-import urllib.error
-import urllib.request
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from made_boxes import POT, box, learn, results_of
 from recordings_read import Read, read_back
-from support import Invoke, make_project
+from support import CHECKOUT, Invoke, make_project
 
 from pipeline.errors import DataError, StoreError, UsageError
 from pipeline.project import Project
@@ -25,7 +28,9 @@ from stages.figures.results import Results, read_results
 from stages.figures.telling import telling
 from stages.inspect import plane, recording, viewer
 from stages.inspect.about import about
+from stages.inspect.arms import ABREAST, MESHED
 from stages.inspect.recording import identity, write_recording
+from stages.inspect.relay import DIRECT
 from stages.inspect.shown import SERIES, Shown, choose
 from stages.inspect.stream import Stream
 from stages.policy.avoidance.shapes import BOX, ELLIPSOID, no_shapes, spheres
@@ -80,6 +85,7 @@ def test_every_condition_and_controller_is_there_on_one_time_line(drawn: Read, l
         "goal",
         "components",
         "flow",
+        "flow/heads",
     }
 
 
@@ -208,6 +214,30 @@ def test_a_system_in_space_is_shown_in_space(learned: Results, letters: Results,
     assert not found.values("/box", "Transform3D:scale")  # space is not turned over
 
 
+def test_a_plane_beside_space_turns_over_the_plane_alone(learned: Results, letters: Results, tmp_path: Path) -> None:
+    results = results_of(learned, tmp_path, [box()])
+    (one,) = choose([results], (), ())
+    (free,) = [replace(r, carry=None) for r in results.points[0].rollouts]
+    write_recording(tmp_path / "both.rrd", [replace(one, rollout=free), *choose([letters], ("lpvds/none/4",), ())])
+    found = read_back(tmp_path / "both.rrd")
+    assert not found.values("/box", "Transform3D:scale")
+    assert found.values("/quickstart", "Transform3D:scale")
+
+
+@pytest.mark.parametrize("kind", [0, BOX, ELLIPSOID])
+def test_obstacles_of_each_kind_are_seen_by_themselves(tmp_path: Path, kind: int) -> None:
+    whole = scene()
+    (index,) = np.flatnonzero(whole.shapes.kinds == kind)
+    part = type(whole.shapes)(*(field[[index]] for field in whole.shapes))
+    found = obstacles(replace(whole, shapes=part), tmp_path / "one.rrd")
+    (radius,) = found.values("/scene/1", "LineStrips2D:radii")
+    assert radius[0] > 0.0
+    (trap,) = found.values("/scene/traps", "Points2D:radii")
+    assert trap[0] > 0.0
+    (edge,) = found.values("/scene/1", "LineStrips2D:strips")
+    assert edge[0][0] == pytest.approx(edge[0][-1])  # closed
+
+
 # --- two arms ---------------------------------------------------------------------------------------------------------
 
 
@@ -268,6 +298,9 @@ def test_a_pot_and_its_sphere_move_while_the_box_is_led(carried: Callable[..., R
     assert places[20] == pytest.approx(POT["centre"], abs=1e-6)  # carried from sample 20 to 30, 0.02 s each
     assert places[-1] - places[0] == pytest.approx([0.1 * 0.2, 0.0, 0.0], abs=1e-6)
     assert found.below(f"{root}/plot") >= {"clearance/sphere", "clearance/box", "clearance/arms"}
+    # Deviations are compared, and x is to move, while the box is led only.
+    assert found.times(f"{root}/plot/deviation/left") == pytest.approx(0.02 * np.arange(20, 30))
+    assert [row[0] for row in found.values(f"{root}/lane/gate", "StateChange:state")] == ["", "x moves", ""]
     still = carried(box(pots=[POT]), name="still")
     assert still.times(f"{root}/scene/pots/1").size == 0
 
@@ -280,6 +313,21 @@ def test_two_conditions_share_a_time_line(carried: Callable[..., Read]) -> None:
     assert escaped in found.entities
     for root in ("/box/clpvds-robust/held/0", r"/box/clpvds-robust/\<stiff\>/0"):
         assert found.times(f"{root}/plot/force/left")[[0, -1]] == pytest.approx([0.0, 1.18])
+
+
+def test_of_many_boxes_the_arms_are_lines(learned: Results, tmp_path: Path) -> None:
+    boxes = [box(f"c{k}") for k in range(MESHED + 1)]
+    results = results_of(learned, tmp_path, boxes)
+    shown = choose([results], ("*",), ())
+    assert len(shown) > ABREAST
+    write_recording(tmp_path / "many.rrd", shown)
+    found, root = read_back(tmp_path / "many.rrd"), "/box/clpvds-robust/c0/0/scene/left"
+    assert not found.below(root)
+    strips = found.values(root, "LineStrips3D:strips")
+    places = frames(arm("iiwa", True, "robot").chain, np.zeros((1, 7)))[0][:, 0]
+    assert len(strips) == 60
+    assert np.array(strips[0][0]) == pytest.approx(places, abs=1e-6)
+    assert not any(found.values(entity, "Asset3D:blob") for entity in found.entities)
 
 
 # --- which roll-outs --------------------------------------------------------------------------------------------------
@@ -323,6 +371,21 @@ def test_controllers_keep_their_colours_and_others_take_turns(
     assert [one.colour for one in choose([boxes], ("*",), ())] == list(SERIES[:5])
 
 
+def test_points_go_by_their_id_or_by_what_sets_them_apart(letters: Results) -> None:
+    point = letters.points[0]
+    listed = replace(point, point=replace(point.point, id="components=[3]"))
+    sweep = replace(letters, points=(listed, replace(point, point=replace(point.point, id="components=[4]"))))
+    (found,) = {one.point.point.id for one in choose([sweep], ("lpvds/none/4",), ("components=[3]",))}
+    assert found == "components=[3]"  # and no class of characters
+    assert {one.point.point.id for one in choose([letters], (), ("Angle",))} == {"main"}
+
+
+def test_experiments_of_which_nothing_is_chosen_are_refused(letters: Results, learned: Results, tmp_path: Path) -> None:
+    boxes = results_of(learned, tmp_path, [box()])
+    with pytest.raises(UsageError, match=r"^Nothing of box is chosen: leave it out, or choose otherwise\.$"):
+        choose([letters, boxes], ("lpvds/*",), ())
+
+
 def test_of_random_scenes_one_is_shown(letters: Results) -> None:
     some = letters.points[0].rollouts[:4]
     conditions = ["standing", "standing", "moving", "moving"]
@@ -340,7 +403,7 @@ def test_of_random_scenes_one_is_shown(letters: Results) -> None:
             r"There is no roll-out 'lpvds/none/5x'; did you mean 'lpvds/none/5'\? Valid: .*wildcard",
         ),
         (("nothing*",), (), r"There is no roll-out 'nothing\*'; Valid: "),
-        ((), ("mani",), r"There is no point 'mani'; did you mean 'main'\? Valid: main\.$"),
+        ((), ("mani",), r"There is no point 'mani'; did you mean 'main'\? Valid: Angle, main\.$"),
     ],
 )
 def test_what_is_not_there_is_refused(letters: Results, rollouts: Any, points: Any, message: str) -> None:
@@ -376,7 +439,7 @@ def test_words_say_what_is_shown(learned: Results, tmp_path: Path) -> None:
     results = results_of(learned, tmp_path, [box(push="left"), box(pressing=(0.0, 20.0, 0.0), push="right", number=1)])
     text = about(choose([results], ("*",), ()))
     assert text.startswith("# box\n\n    clpv run box\n")
-    assert "- **clpvds-robust/held/0**: arrived. 1.18 s. mass 0.4 kg, friction 1, F_d 5 N" in text
+    assert "- **box/clpvds-robust/held/0**: arrived. 1.18 s. mass 0.4 kg, friction 1, F_d 5 N" in text
     assert "mass as found 0.41 kg, L as found 300 mm" in text
     assert "left arm pushed by [0, 30, 40] mm." in text
     assert "right arm pushed by [0, 20, 0] N." in text
@@ -391,7 +454,7 @@ def test_a_file_is_written_and_the_next_command_said(
     target = tmp_path / "some.rrd"
     result = clpv(quickstart[0], "inspect", "quickstart", "--rollout", "*/cond1/4", "--save", str(target))
     assert result.exit_code == 0, result.output
-    assert f"open it with 'rerun {target}'" in result.output
+    assert f"'clpv inspect {target}' opens it." in result.output
     assert {entity.split("/")[2] for entity in read_back(target).entities if "/executed" in entity} == {
         "lpvds",
         "clpvds-robust",
@@ -406,9 +469,11 @@ def test_a_file_is_written_and_the_next_command_said(
         (("quickstart", "--save", "a.rrd", "--serve"), 2, "choose one."),
         (("quickstart", "--save", "."), 2, ". is a folder: name a file in it, e.g. --save rollouts.rrd."),
         (("quickstart", "--save", "folder.rrd"), 2, "folder.rrd is a folder: name a file in it"),
-        (("none.mcap",), 2, "none.mcap: there is no such file, and inspect takes experiments; 'clpv list' names them."),
-        (("text.bag",), 2, "text.bag is a file, and inspect takes experiments: 'clpv info text.bag' shows it."),
-        (("seen.rrd",), 2, "seen.rrd is a file, and inspect takes experiments: 'rerun seen.rrd' shows it."),
+        (("none.mcap",), 2, "There is neither a file nor an experiment 'none.mcap'; 'clpv list' names them."),
+        (("text.bag",), 2, "text.bag is no recording that rerun opens; 'clpv info text.bag' looks at it."),
+        (("seen.rrd",), 2, "There is no display to open the viewer on"),
+        (("seen.rrd", "--save", "a.rrd"), 2, "seen.rrd is a file, and is shown as it is: leave out other names"),
+        (("quickstart", "--save", "no/such/a.rrd"), 2, "--save no/such/a.rrd: there is no folder no/such; make it"),
         (("nothing", "--save", "a.rrd"), 2, "did you mean|There is no experiment"),
         (("lasa-disturbance", "--save", "a.rrd"), 3, "run 'clpv run lasa-disturbance' first"),
     ],
@@ -451,25 +516,90 @@ def listening(process: int) -> set[str]:
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="looks at what Linux says of sockets")
-def test_the_server_listens_on_this_machine_only(letters: Results, tmp_path: Path) -> None:
+def test_the_server_listens_on_this_machine_only(
+    letters: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_recording(tmp_path / "one.rrd", choose([letters], ("lpvds/none/4",), ()))
-    with viewer.served(tmp_path / "one.rrd") as (address, server):
-        with urllib.request.urlopen(address.partition("?")[0], timeout=10.0) as answer:
+    # A proxy is not asked for what is on this machine.
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:1")
+    with viewer.served(tmp_path / "one.rrd") as (address, _):
+        (server,) = [child for child in psutil.Process().children() if child.name() == "rerun"]
+        with DIRECT.open(address.partition("?")[0], timeout=10.0) as answer:
             assert b"<html" in answer.read().lower()
             allowed = answer.headers["Content-Security-Policy"].split("; ")[0]
             feed = address.rpartition("%3A")[2].removesuffix("%2Fproxy")
             assert allowed == f"default-src 'self' http://127.0.0.1:{feed}"  # what the viewer in a browser may ask
-        with pytest.raises(urllib.error.HTTPError, match="404"):
-            urllib.request.urlopen(address.partition("?")[0] + "no/such/file", timeout=10.0)
+        for path, code in (("no/such/file", "404"), ("a\x01b", "400")):
+            with socket.create_connection(("127.0.0.1", int(address.split(":")[2].split("/")[0]))) as asked:
+                asked.sendall(f"GET /{path} HTTP/1.0\r\n\r\n".encode())
+                assert asked.recv(100).split()[1] == code.encode()
         assert listening(server.pid) == {"0100007F"}  # 127.0.0.1
         assert address.startswith("http://127.0.0.1:")
         taken = int(address.removeprefix("http://127.0.0.1:").partition("/")[0])
         assert viewer.free_port(taken) != taken
-    assert server.poll() is not None
+    assert not server.is_running()
 
 
-def test_analytics_are_off_whatever_the_user_has_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    with viewer._private() as environment:
+def test_a_server_that_ends_by_itself_is_an_error(letters: Results, tmp_path: Path) -> None:
+    write_recording(tmp_path / "one.rrd", choose([letters], ("lpvds/none/4",), ()))
+    with viewer.served(tmp_path / "one.rrd") as (_, wait):
+        (server,) = [child for child in psutil.Process().children() if child.name() == "rerun"]
+        server.kill()
+        with pytest.raises(DataError, match=r"the viewer: its server ended by itself \(signal 9\): start it again\."):
+            wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_whatever_ends_it_nothing_is_left_behind(
+    quickstart: tuple[Path, Any], tmp_path: Path, number: signal.Signals
+) -> None:
+    (tmp_path / "made").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from stages.cli import app; app()", "inspect", "quickstart", "--serve"],
+        env={
+            **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+            "CLPV_ROOT": str(quickstart[0]),
+            "PYTHONPATH": str(CHECKOUT),
+            "TMPDIR": str(tmp_path / "made"),
+        },
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("Open http://127.0.0.1:")  # at once, also into a pipe
+    (server,) = psutil.Process(process.pid).children()
+    process.send_signal(number)
+    assert process.wait(timeout=20.0) == (0 if number == signal.SIGINT else 128 + number)
+    psutil.wait_procs([server], timeout=5.0)
+    assert not server.is_running()
+    assert list((tmp_path / "made").iterdir()) == []
+
+
+def test_a_window_says_when_it_is_there_and_why_it_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program, told = tmp_path / "viewer", []
+    monkeypatch.setattr(viewer, "binary", lambda: program)
+    monkeypatch.setattr(viewer, "SOON", 0.2)
+    for script, opens, reason in (
+        ("sleep 0.5", True, ""),
+        ("echo INFO loading >&2; echo 'Error: no display here' >&2; exit 1", False, r"\(no display here\): add --save"),
+        ("echo something >&2; exit 3", False, r"\(exit code 3\): add --save"),
+        ("kill -9 $$", False, r"\(signal 9\): add --save"),
+    ):
+        program.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+        program.chmod(0o755)
+        told.clear()
+        if reason:
+            with pytest.raises(DataError, match=f"^the viewer: ended with an error {reason}"):
+                viewer.open_window(tmp_path / "one.rrd", lambda: told.append(1))
+        else:
+            viewer.open_window(tmp_path / "one.rrd", lambda: told.append(1))
+        assert bool(told) is opens
+
+
+def test_analytics_are_off_whatever_the_user_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    subprocess.run([str(viewer.binary()), "analytics", "enable"], capture_output=True, check=True)
+    with viewer._private() as (environment, _):
         done = subprocess.run(
             [str(viewer.binary()), "analytics", "config"], env=environment, capture_output=True, text=True, check=True
         )

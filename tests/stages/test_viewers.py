@@ -60,7 +60,7 @@ def one() -> SimpleNamespace:
         lyapunov=np.linspace(1.0, 0.0, N),
         rollout="clpvds-robust/held/0",
         outcome=Outcome.ARRIVED,
-        scene_facts={"mass": 0.4},
+        scene_facts={"mass": 0.4, "following": True},
     )
 
 
@@ -174,7 +174,7 @@ def test_the_core_reader_finds_messages_parameters_and_facts(path: Path) -> None
         (attached,), (facts,) = list(reader.iter_attachments()), list(reader.iter_metadata())
         messages = [channel.topic for _, channel, _ in reader.iter_messages()]
     assert attached.data == canonical(PARAMETERS).encode()
-    assert json.loads(facts.metadata["facts"]) == {"mass": 0.4}
+    assert json.loads(facts.metadata["facts"]) == {"mass": 0.4, "following": True}
     assert messages[:3] == ["/robot_description", "/tf_static", "/tf"]  # before all others of their time
     with path.open("rb") as stream:
         assert sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages()) == len(messages)
