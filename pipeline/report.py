@@ -245,7 +245,7 @@ def _table(table: Table) -> str:
     return f"<details>\n<summary>{_marked(table.caption)}</summary>\n{drawn}</details>\n"
 
 
-_MANY = 12
+_MANY = 9
 """Columns of a table above which they are set closer."""
 
 _SHORT = 28
