@@ -1,8 +1,10 @@
-"""Two arms that carry a box, for the viewer: links, box, pads, pots, ways, forces, deviation, phases. Figs. 5, 6."""
+"""Two arms that carry a box, for the viewer: links, box, pads, pots, ways, forces, deviation, phases. Figs. 5, 6.
+
+Not here: how views are laid out (`arms_layout.py`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,14 +13,13 @@ from scipy.spatial.transform import Rotation
 from pipeline.report import PALETTE
 from stages.artifacts.rollouts import SIDES, RecordedCarry, RecordedRollout, RecordedScene
 from stages.evaluate.force import BAND
-from stages.figures.numbers import MM, condition_name
+from stages.figures.numbers import MM
 from stages.inspect.plane import GATE, GATES
 from stages.inspect.shown import Shown
 from stages.inspect.stream import Colour, Stream, rgb
 from stages.policy.carrying import Phase
 from stages.trajectory import Array
 from stages.world.bullet import SUPPORT
-from stages.world.camera import ABOVE, FRONT, MIDDLE
 from stages.world.description import both
 from stages.world.links import frames, visuals
 from stages.world.pots import Pot, lathe, triangles
@@ -52,20 +53,6 @@ PHASES: dict[str, Colour] = {
         (Phase.STOPPED, (150, 50, 50)),
     )
 }
-
-NAME = "two arms"
-
-ABREAST = 3
-"""Carried boxes that are shown side by side; more of them stand behind each other, by condition."""
-
-PLOTS = {
-    "force": "true forces [N]: left blue, right orange, F_d green, its band grey",
-    "measured": "forces as measured, filtered [N]: left blue, right orange",
-    "deviation": "deviation [mm]: left blue, right orange, midpoint from x grey, threshold red",
-    "lyapunov": "V of x [mm\u00b2]",
-    "clearance": "room [mm]: box to pot brown, arms to pot blue, middle to safety sphere pink",
-}
-"""Parts of the entities of plots, and what the viewer calls them."""
 
 MESHED = 4
 """Carried boxes up to which arms are drawn as they are: each takes about 2 MB, or 17 of a panda."""
@@ -203,58 +190,3 @@ def _lanes(stream: Stream, root: str, rollout: RecordedRollout, carry: RecordedC
         stream.states(f"{root}/pushed", rollout.time, pushed, sides)
     if carry.pushed.any() or (carry.named != "").any():
         stream.states(f"{root}/named", rollout.time, carry.named, sides)
-
-
-def layout(rrb: Any, shown: Sequence[Shown], entity: Any) -> Any:
-    """How the viewer shows them: the arms, beside or below them what happened over time.
-
-    Arguments:
-        rrb: the module rerun.blueprint.
-        entity: parts of a path -> entity path.
-    """
-    if len(shown) > ABREAST:
-        groups: dict[str, list[Any]] = {}
-        for one in shown:
-            groups.setdefault(condition_name(one.rollout.condition), []).append(_alone(rrb, one, entity))
-        return rrb.Tabs(*(rrb.Tabs(*some, name=name) for name, some in groups.items()), name=NAME)
-    if len(shown) == 1:
-        return _alone(rrb, shown[0], entity)
-    columns = [
-        rrb.Vertical(_picture(rrb, one, entity), _over_time(rrb, one, entity, alone=False), row_shares=[2, 3])
-        for one in shown
-    ]
-    return rrb.Horizontal(*columns, name=NAME)
-
-
-def _alone(rrb: Any, one: Shown, entity: Any) -> Any:
-    """One carried box: the arms, and beside them what happened."""
-    parts = (_picture(rrb, one, entity), _over_time(rrb, one, entity, alone=True))
-    return rrb.Horizontal(*parts, column_shares=[5, 4], name=one.name)
-
-
-def _picture(rrb: Any, one: Shown, entity: Any) -> Any:
-    eye = rrb.EyeControls3D(position=ABOVE if among_pots(one) else FRONT, look_target=MIDDLE, eye_up=(0.0, 0.0, 1.0))
-    return rrb.Spatial3DView(origin=f"{entity(one.root)}/scene", name="/".join(one.root), eye_controls=eye)
-
-
-def among_pots(one: Shown) -> bool:
-    """Whether something is in the way of the box."""
-    return one.rollout.carry is not None and bool(one.rollout.carry.facts["pots"])
-
-
-def _over_time(rrb: Any, one: Shown, entity: Any, *, alone: bool) -> Any:
-    """Forces, deviations, V, room, and lanes; where others are shown beside it, in fewer pieces."""
-    root = entity(one.root)
-
-    def plot(part: str) -> Any:
-        legend = rrb.PlotLegend(visible=False)  # it would lie over the curves; their colours are in the title
-        return rrb.TimeSeriesView(origin=f"{root}/plot/{part}", name=PLOTS[part], plot_legend=legend)
-
-    near = [plot("clearance")] if np.isfinite(one.rollout.clearance).any() else []
-    lanes = rrb.StateTimelineView(origin=f"{root}/lane", name="phase, gate, pushes")
-    force, deviation = plot("force"), plot("deviation")
-    if alone:
-        rest = rrb.Tabs(*near, plot("lyapunov"), plot("measured"))
-        return rrb.Vertical(force, deviation, rest, lanes, row_shares=[3, 3, 2, 3])
-    others = rrb.Tabs(*near, deviation, plot("lyapunov"))
-    return rrb.Vertical(force, others, lanes, row_shares=[3, 3, 4])

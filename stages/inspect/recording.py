@@ -13,8 +13,9 @@ from typing import Any
 
 from pipeline.errors import DataError
 from pipeline.store import replacing
-from stages.inspect import arms, plane
+from stages.inspect import arms, arms_layout, plane, plane_layout
 from stages.inspect.about import about
+from stages.inspect.obstacles import draw_obstacles
 from stages.inspect.shown import Shown
 from stages.inspect.stream import PLANAR, TIMELINE, Stream
 
@@ -73,7 +74,7 @@ def _draw(stream: Stream, shown: Sequence[Shown], entity: Any) -> None:
     for scene in dict.fromkeys(one.scene for one in points if one.scene):
         there = [one for one in points if one.scene == scene]
         longest = max((one.rollout.time for one in there), key=len)
-        plane.draw_obstacles(stream, entity(scene), there[0].point.scenes[there[0].rollout.scene], longest)
+        draw_obstacles(stream, entity(scene), there[0].point.scenes[there[0].rollout.scene], longest)
     carried = [one for one in shown if one.carries]
     for one in carried:
         arms.draw_carry(stream, entity(one.root), one, meshes=len(carried) <= arms.MESHED)
@@ -87,8 +88,8 @@ def _blueprint(rrb: Any, shown: Sequence[Shown], entity: Any) -> Any:
     """Pictures and plots, what they show in words, and the time line."""
     parts = []
     for layout, some in (
-        (arms.layout, [one for one in shown if one.carries]),
-        (plane.layout, [one for one in shown if not one.carries]),
+        (arms_layout.layout, [one for one in shown if one.carries]),
+        (plane_layout.layout, [one for one in shown if not one.carries]),
     ):
         if some:
             parts.append(layout(rrb, some, entity))

@@ -20,6 +20,10 @@ TIMELINE = "time"
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
 
 PLANAR = 2
+"""Coordinates of what is shown as a plane."""
+
+OBSTACLE: Colour = (150, 158, 168)
+TRAP: Colour = (255, 146, 72)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

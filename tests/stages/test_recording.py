@@ -28,7 +28,9 @@ from stages.figures.results import Results, read_results
 from stages.figures.telling import telling
 from stages.inspect import plane, recording, viewer
 from stages.inspect.about import about
-from stages.inspect.arms import ABREAST, MESHED
+from stages.inspect.arms import MESHED
+from stages.inspect.arms_layout import ABREAST
+from stages.inspect.obstacles import MOMENTS, draw_obstacles
 from stages.inspect.recording import identity, write_recording
 from stages.inspect.relay import DIRECT
 from stages.inspect.shown import SERIES, Shown, choose
@@ -168,7 +170,7 @@ def obstacles(found: RecordedScene, path: Path) -> Read:
     rr, _ = recording.rerun()
     to = rr.RecordingStream("clpv", recording_id="one", send_properties=False)
     to.save(path, default_blueprint=rr.blueprint.Blueprint(rr.blueprint.Spatial2DView()))
-    plane.draw_obstacles(Stream(rr=rr, to=to), "scene", found, np.arange(1000) / 100.0)
+    draw_obstacles(Stream(rr=rr, to=to), "scene", found, np.arange(1000) / 100.0)
     to.flush()
     to.disconnect()
     return read_back(path)
@@ -183,7 +185,7 @@ def test_obstacles_in_the_plane_are_outlines(tmp_path: Path) -> None:
     moving = obstacles(scene((0.2, 0.0)), tmp_path / "moving.rrd")
     times = moving.times("/scene/1")
     assert times[[0, -1]] == pytest.approx([0.0, 9.99])
-    assert times.size <= plane.MOMENTS
+    assert times.size <= MOMENTS
     last = moving.values("/scene/1", "LineStrips2D:strips")[-1][0]
     assert np.mean(np.array(last)[:-1], axis=0) == pytest.approx([0.2 * 9.99, 0.0], abs=1e-5)
 
