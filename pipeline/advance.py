@@ -32,8 +32,12 @@ def bring_up(
     jobs: int | None,
     force: Sequence[str],
     record: bool,
+    then: Sequence[str] = (),
 ) -> None:
-    """Run what is not up to date, up to the stage `last`; show its rows, and keep the manifest where all stages ran."""
+    """Run what is not up to date, up to the stage `last`; show its rows, and keep the manifest where all stages ran.
+
+    `then`: verbs that show what has come out, where all stages ran.
+    """
     with console.progress(len(experiment.points), len(project.upto(last.name))) as listener:
         outcomes = project.bring_up(experiment, last.name, jobs=jobs, force=force, listener=listener)
     rows = project.rows(outcomes, last)
@@ -56,6 +60,8 @@ def bring_up(
         console.note(MANIFEST_NOTES[document["manifest"]].format(name=experiment.name))
     computed = sum(not o.cached for o in outcomes)
     console.note(f"{len(outcomes)} stages, {computed} computed, {len(outcomes) - computed} cached.")
+    if then and last is project.last:
+        console.note("See it: " + ", ".join(f"'{experiment.command(verb)}'" for verb in then) + ".")
     console.document(document)
 
 

@@ -120,8 +120,12 @@ def bring_up(
     force: Sequence[str] | None = None,
     dry_run: bool = False,
     record: bool = False,
+    then: Sequence[str] = (),
 ) -> None:
-    """Bring an experiment up to the stage `last` (none: the last one), or say what would run."""
+    """Bring an experiment up to the stage `last` (none: the last one), or say what would run.
+
+    `then`: verbs that show what has come out, where all stages have run.
+    """
     from pipeline import advance
 
     project = open_project(references)
@@ -131,11 +135,16 @@ def bring_up(
     if dry_run:
         advance.show_plan(console, project.plan(experiment, stage.name, forced), name)
     else:
-        advance.bring_up(project, console, experiment, stage, jobs=jobs, force=forced, record=record)
+        advance.bring_up(project, console, experiment, stage, jobs=jobs, force=forced, record=record, then=then)
 
 
-def add_bring_up(app: typer.Typer, references: Sequence[str], verb: str, last: str | None, text: str) -> None:
-    """Add a verb that brings an experiment up to the stage `last` (none: the last one); `text` is its help."""
+def add_bring_up(
+    app: typer.Typer, references: Sequence[str], verb: str, last: str | None, text: str, then: Sequence[str] = ()
+) -> None:
+    """Add a verb that brings an experiment up to the stage `last` (none: the last one); `text` is its help.
+
+    `then`: verbs that show what has come out.
+    """
 
     @app.command(verb, help=text)
     @friendly
@@ -166,15 +175,22 @@ def add_bring_up(app: typer.Typer, references: Sequence[str], verb: str, last: s
             force=force,
             dry_run=dry_run,
             record=record,
+            then=then,
         )
 
 
-def add_verbs(app: typer.Typer, references: Sequence[str], templates: Callable[[], dict[str, str]]) -> None:
+def add_verbs(
+    app: typer.Typer,
+    references: Sequence[str],
+    templates: Callable[[], dict[str, str]],
+    then: Sequence[str] = (),
+) -> None:
     """Add the generic verbs to an application.
 
     Arguments:
         references: import strings of the stages, in order.
         templates: name -> text of an experiment file, for ``new``.
+        then: verbs that show what a run has given.
     """
 
     def verb(function: Callable[P, None]) -> Callable[P, None]:
@@ -187,7 +203,7 @@ def add_verbs(app: typer.Typer, references: Sequence[str], templates: Callable[[
         return [name] if name is not None else experiment_names(root_folder())
 
     text = "Run what is not up to date, and show the metrics."
-    add_bring_up(app, references, "run", None, text)
+    add_bring_up(app, references, "run", None, text, then)
 
     @verb
     def status(

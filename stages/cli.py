@@ -54,7 +54,10 @@ def templates() -> dict[str, str]:
     }
 
 
-add_verbs(app, STAGES, templates)
+SEEING = ("report", "inspect")
+"""Verbs that show what a run has given."""
+
+add_verbs(app, STAGES, templates, SEEING)
 
 
 @app.command()
@@ -177,7 +180,7 @@ def teleop(
 
 
 for _verb, (_last, _text) in VERBS.items():
-    add_bring_up(app, STAGES, _verb, _last, _text)
+    add_bring_up(app, STAGES, _verb, _last, _text, SEEING)
 
 
 @app.command()

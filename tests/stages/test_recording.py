@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import signal
-import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 from made_boxes import POT, box, learn, results_of
 from recordings_read import Read, read_back
-from support import CHECKOUT, Invoke, make_project
 
-from pipeline.errors import DataError, StoreError, UsageError
+from pipeline.errors import StoreError, UsageError
 from pipeline.project import Project
 from stages import STAGES
 from stages.artifacts.rollouts import RecordedScene
 from stages.figures.results import Results, read_results
 from stages.figures.telling import telling
-from stages.inspect import plane, recording, viewer
+from stages.inspect import plane, recording
 from stages.inspect.about import about
 from stages.inspect.arms import MESHED
 from stages.inspect.arms_layout import ABREAST
 from stages.inspect.obstacles import MOMENTS, draw_obstacles
 from stages.inspect.recording import identity, write_recording
-from stages.inspect.relay import DIRECT
 from stages.inspect.shown import SERIES, Shown, choose
 from stages.inspect.stream import Stream
 from stages.policy.avoidance.shapes import BOX, ELLIPSOID, no_shapes, spheres
@@ -445,179 +436,3 @@ def test_words_say_what_is_shown(learned: Results, tmp_path: Path) -> None:
     assert "mass as found 0.41 kg, L as found 300 mm" in text
     assert "left arm pushed by [0, 30, 40] mm." in text
     assert "right arm pushed by [0, 20, 0] N." in text
-
-
-# --- the command ------------------------------------------------------------------------------------------------------
-
-
-def test_a_file_is_written_and_the_next_command_said(
-    quickstart: tuple[Path, Any], tmp_path: Path, clpv: Invoke
-) -> None:
-    target = tmp_path / "some.rrd"
-    result = clpv(quickstart[0], "inspect", "quickstart", "--rollout", "*/cond1/4", "--save", str(target))
-    assert result.exit_code == 0, result.output
-    assert f"'clpv inspect {target}' opens it." in result.output
-    assert {entity.split("/")[2] for entity in read_back(target).entities if "/executed" in entity} == {
-        "lpvds",
-        "clpvds-robust",
-    }
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        (("quickstart",), 2, "There is no display to open the viewer on: add --save FILE.rrd"),
-        (("quickstart", "--save", "some.mcap"), 2, "some.mcap: a recording's name ends in .rrd, e.g. --save some.rrd."),
-        (("quickstart", "--save", "a.rrd", "--serve"), 2, "choose one."),
-        (("quickstart", "--save", "."), 2, ". is a folder: name a file in it, e.g. --save rollouts.rrd."),
-        (("quickstart", "--save", "folder.rrd"), 2, "folder.rrd is a folder: name a file in it"),
-        (("none.mcap",), 2, "There is neither a file nor an experiment 'none.mcap'; 'clpv list' names them."),
-        (("text.bag",), 2, "text.bag is no recording that rerun opens; 'clpv info text.bag' looks at it."),
-        (("seen.rrd",), 2, "There is no display to open the viewer on"),
-        (("seen.rrd", "--save", "a.rrd"), 2, "seen.rrd is a file, and is shown as it is: leave out other names"),
-        (("quickstart", "--save", "no/such/a.rrd"), 2, "--save no/such/a.rrd: there is no folder no/such; make it"),
-        (("nothing", "--save", "a.rrd"), 2, "did you mean|There is no experiment"),
-        (("lasa-disturbance", "--save", "a.rrd"), 3, "run 'clpv run lasa-disturbance' first"),
-    ],
-)
-def test_what_cannot_be_shown_is_one_sentence(
-    computed: Path,
-    clpv: Invoke,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    code: int,
-    message: str,
-) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    make_project(computed, "lasa-disturbance")
-    (computed / "folder.rrd").mkdir()
-    (computed / "text.bag").write_text("no bag")
-    (computed / "seen.rrd").write_bytes(b"RRF2 and more")
-    monkeypatch.chdir(computed)
-    result = clpv(computed, "inspect", *words)
-    assert result.exit_code == code, result.output
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert any(part in result.stderr for part in message.split("|"))
-    assert sorted(entry.name for entry in computed.glob("*.rrd")) == ["folder.rrd", "seen.rrd"]
-
-
-def listening(process: int) -> set[str]:
-    """Addresses at which a process listens, of IPv4 as hexadecimal text, of IPv6 as they stand in /proc."""
-    inodes = set()
-    for entry in Path(f"/proc/{process}/fd").iterdir():
-        with contextlib.suppress(OSError):
-            inodes.add(str(entry.readlink()).removeprefix("socket:[").removesuffix("]"))
-    rows = [
-        line.split()
-        for name in ("tcp", "tcp6")
-        for line in Path("/proc/net", name).read_text().splitlines()[1:]
-        if Path("/proc/net", name).exists()
-    ]
-    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in inodes}
-
-
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="looks at what Linux says of sockets")
-def test_the_server_listens_on_this_machine_only(
-    letters: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_recording(tmp_path / "one.rrd", choose([letters], ("lpvds/none/4",), ()))
-    # A proxy is not asked for what is on this machine.
-    monkeypatch.setenv("http_proxy", "http://127.0.0.1:1")
-    with viewer.served(tmp_path / "one.rrd") as (address, _):
-        (server,) = [child for child in psutil.Process().children() if child.name() == "rerun"]
-        with DIRECT.open(address.partition("?")[0], timeout=10.0) as answer:
-            assert b"<html" in answer.read().lower()
-            allowed = answer.headers["Content-Security-Policy"].split("; ")[0]
-            feed = address.rpartition("%3A")[2].removesuffix("%2Fproxy")
-            assert allowed == f"default-src 'self' http://127.0.0.1:{feed}"  # what the viewer in a browser may ask
-        for path, code in (("no/such/file", "404"), ("a\x01b", "400")):
-            with socket.create_connection(("127.0.0.1", int(address.split(":")[2].split("/")[0]))) as asked:
-                asked.sendall(f"GET /{path} HTTP/1.0\r\n\r\n".encode())
-                assert asked.recv(100).split()[1] == code.encode()
-        assert listening(server.pid) == {"0100007F"}  # 127.0.0.1
-        assert address.startswith("http://127.0.0.1:")
-        taken = int(address.removeprefix("http://127.0.0.1:").partition("/")[0])
-        assert viewer.free_port(taken) != taken
-    assert not server.is_running()
-
-
-def test_a_server_that_ends_by_itself_is_an_error(letters: Results, tmp_path: Path) -> None:
-    write_recording(tmp_path / "one.rrd", choose([letters], ("lpvds/none/4",), ()))
-    with viewer.served(tmp_path / "one.rrd") as (_, wait):
-        (server,) = [child for child in psutil.Process().children() if child.name() == "rerun"]
-        server.kill()
-        with pytest.raises(DataError, match=r"the viewer: its server ended by itself \(signal 9\): start it again\."):
-            wait()
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_whatever_ends_it_nothing_is_left_behind(
-    quickstart: tuple[Path, Any], tmp_path: Path, number: signal.Signals
-) -> None:
-    (tmp_path / "made").mkdir()
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from stages.cli import app; app()", "inspect", "quickstart", "--serve"],
-        env={
-            **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
-            "CLPV_ROOT": str(quickstart[0]),
-            "PYTHONPATH": str(CHECKOUT),
-            "TMPDIR": str(tmp_path / "made"),
-        },
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline().startswith("Open http://127.0.0.1:")  # at once, also into a pipe
-    (server,) = psutil.Process(process.pid).children()
-    process.send_signal(number)
-    assert process.wait(timeout=20.0) == (0 if number == signal.SIGINT else 128 + number)
-    psutil.wait_procs([server], timeout=5.0)
-    assert not server.is_running()
-    assert list((tmp_path / "made").iterdir()) == []
-
-
-def test_a_window_says_when_it_is_there_and_why_it_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program, told = tmp_path / "viewer", []
-    monkeypatch.setattr(viewer, "binary", lambda: program)
-    monkeypatch.setattr(viewer, "SOON", 0.2)
-    for script, opens, reason in (
-        ("sleep 0.5", True, ""),
-        ("echo INFO loading >&2; echo 'Error: no display here' >&2; exit 1", False, r"\(no display here\): add --save"),
-        ("echo something >&2; exit 3", False, r"\(exit code 3\): add --save"),
-        ("kill -9 $$", False, r"\(signal 9\): add --save"),
-    ):
-        program.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
-        program.chmod(0o755)
-        told.clear()
-        if reason:
-            with pytest.raises(DataError, match=f"^the viewer: ended with an error {reason}"):
-                viewer.open_window(tmp_path / "one.rrd", lambda: told.append(1))
-        else:
-            viewer.open_window(tmp_path / "one.rrd", lambda: told.append(1))
-        assert bool(told) is opens
-
-
-def test_analytics_are_off_whatever_the_user_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    subprocess.run([str(viewer.binary()), "analytics", "enable"], capture_output=True, check=True)
-    with viewer._private() as (environment, _):
-        done = subprocess.run(
-            [str(viewer.binary()), "analytics", "config"], env=environment, capture_output=True, text=True, check=True
-        )
-    assert '"analytics_enabled": false' in done.stdout
-    assert not Path(environment["XDG_CONFIG_HOME"]).exists()
-
-
-def test_without_the_viewer_one_sentence(
-    computed: Path, clpv: Invoke, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def missing() -> Path:
-        raise DataError("the viewer", "rerun is not installed")
-
-    monkeypatch.setattr(viewer, "binary", missing)
-    for words in ((), ("--serve",)):
-        result = clpv(computed, "inspect", "quickstart", *words)
-        assert (result.exit_code, len(result.stderr.strip().splitlines())) == (1, 1)
-    saved = clpv(computed, "inspect", "quickstart", "--save", str(tmp_path / "a.rrd"))  # which needs none
-    assert saved.exit_code == 0
