@@ -52,9 +52,9 @@ def bring_up(
         summary = last.summarise(rows) if last.summarise is not None else []
         document |= {"rows": rows, "summary": {"groups": summary}}
         if len(rows) <= MOST_ROWS:
-            console.table(brief(rows))
+            _table(console, rows)
             console.result("")
-        console.table(summary)
+        _table(console, summary)
     if last is project.last:
         document["manifest"] = keep_manifest(experiment, outcomes, record=record)
         console.note(MANIFEST_NOTES[document["manifest"]].format(name=experiment.name))
@@ -65,17 +65,34 @@ def bring_up(
     console.document(document)
 
 
-def brief(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows without the columns that say nothing: empty ones, and one that is the same in all of several rows."""
+def _table(console: Console, rows: Sequence[dict[str, Any]]) -> None:
+    """Rows, and below them which columns hold nothing but zeros."""
+    shown, zero = brief(rows)
+    console.table(shown)
+    if zero:
+        console.result(f"0 in all of them: {', '.join(zero)}.")
+
+
+def brief(rows: Sequence[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[str]]:
+    """Rows without the columns that say nothing, and names of those that say 0 throughout.
+
+    Nothing: empty ones, words that are the same in all of several rows, numbers that are 0 in all of them.
+    """
     if len(rows) < 2:
-        return list(rows)
+        return list(rows), []
     heads = [head for head in rows[0] if any(row[head] is not None for row in rows)]
+    zero = [head for head in heads if all(_is_zero(row[head]) for row in rows)]
     kept = [
         head
         for head in heads
-        if not isinstance(rows[0][head], str) or len({row[head] for row in rows}) > 1 or head == "outcome"
+        if head not in zero
+        and (not isinstance(rows[0][head], str) or len({row[head] for row in rows}) > 1 or head == "outcome")
     ]
-    return [{head: row[head] for head in kept} for row in rows]
+    return [{head: row[head] for head in kept} for row in rows], zero
+
+
+def _is_zero(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and value == 0)
 
 
 def show_plan(console: Console, rows: Sequence[Examined], name: str) -> None:
