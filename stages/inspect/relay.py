@@ -34,8 +34,11 @@ def policy(feed: str) -> str:
 
 
 @contextlib.contextmanager
-def relayed(host: str, port: int, behind: str, feed: str) -> Iterator[ThreadingHTTPServer]:
-    """Serve at a port of this machine what is served at `behind`, an address without a path, until it is left."""
+def relayed(host: str, wanted: int, behind: str, feed: str) -> Iterator[int]:
+    """Serve at a port of this machine what is served at `behind`, an address without a path, until it is left.
+
+    Gives the port: `wanted`, or, where that is taken, another one.
+    """
 
     class Relay(BaseHTTPRequestHandler):
         """Answers one request."""
@@ -63,11 +66,14 @@ def relayed(host: str, port: int, behind: str, feed: str) -> Iterator[ThreadingH
         def log_message(self, format: str, *args: object) -> None:
             """Nothing: the console prints."""
 
-    server = ThreadingHTTPServer((host, port), Relay)
+    try:
+        server = ThreadingHTTPServer((host, wanted), Relay)
+    except OSError:
+        server = ThreadingHTTPServer((host, 0), Relay)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
-        yield server
+        yield server.server_port
     finally:
         server.shutdown()
         server.server_close()

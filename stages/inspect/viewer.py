@@ -27,8 +27,8 @@ from stages.inspect.relay import relayed
 HERE = "127.0.0.1"
 """The only address that the viewer's servers listen on."""
 
-WEB, FEED = 9090, 9876
-"""Ports at which a browser finds the viewer, and the viewer its recording, unless they are taken."""
+WEB = 9090
+"""Port at which a browser finds the viewer, unless it is taken."""
 
 SOON = 1.0
 """Seconds after which a viewer that has not ended is there."""
@@ -78,7 +78,7 @@ def served(recording: Path) -> Iterator[tuple[str, Callable[[], None]]]:
 
     That raises DataError where the server ends by itself. Raises DataError where it does not start.
     """
-    web, feed, inner = free_port(WEB), free_port(FEED), free_port(0)
+    feed, inner = free_port(), free_port()
     options = ["--serve-web", "--bind", HERE, "--web-viewer-port", str(inner), "--port", str(feed), str(recording)]
     with _started(options) as (server, said):
         _wait_for(server, inner)
@@ -87,7 +87,7 @@ def served(recording: Path) -> Iterator[tuple[str, Callable[[], None]]]:
             code = server.wait()
             raise DataError("the viewer", f"its server ended by itself ({_reason(code, said)}): start it again.")
 
-        with relayed(HERE, web, f"http://{HERE}:{inner}", f"http://{HERE}:{feed}"):
+        with relayed(HERE, WEB, f"http://{HERE}:{inner}", f"http://{HERE}:{feed}") as web:
             yield f"http://{HERE}:{web}/?theme=dark&url=rerun%2Bhttp%3A%2F%2F{HERE}%3A{feed}%2Fproxy", wait
 
 
@@ -141,18 +141,11 @@ def _signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def free_port(wanted: int) -> int:
-    """`wanted`, or where it is taken another port of this machine."""
-    for port in (wanted, 0):
-        with socket.socket() as tried:
-            # As servers do: a port whose last connections are still closing counts as free.
-            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                tried.bind((HERE, port))
-            except OSError:
-                continue
-            return int(tried.getsockname()[1])
-    raise DataError("the viewer", f"no port of {HERE} is free: close other servers.")
+def free_port() -> int:
+    """A port of this machine that nobody uses."""
+    with socket.socket() as tried:
+        tried.bind((HERE, 0))
+        return int(tried.getsockname()[1])
 
 
 def _wait_for(server: subprocess.Popen[bytes], port: int, seconds: float = 30.0) -> None:
