@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline.values import canonical
-from stages.artifacts.carry_log import write_carry_log
+from stages.artifacts.carry_log import write_carry_log, write_demonstration
 from stages.artifacts.log import read_log
 from stages.policy.outcome import Outcome
 from stages.world.description import both, faces
@@ -178,3 +178,53 @@ def test_the_core_reader_finds_messages_parameters_and_facts(path: Path) -> None
     assert messages[:3] == ["/robot_description", "/tf_static", "/tf"]  # before all others of their time
     with path.open("rb") as stream:
         assert sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages()) == len(messages)
+
+
+@pytest.fixture(scope="module")
+def demonstration(one: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same motion, demonstrated."""
+    path = tmp_path_factory.mktemp("demonstration") / "demo1.mcap"
+    done = SimpleNamespace(
+        time=one.time,
+        phase=np.zeros(N, dtype=np.int8),
+        joints=one.carried.q,
+        pads=one.carried.pads,
+        force=one.carried.force,
+        box=one.carried.box,
+        turn=one.carried.turn,
+        master=one.x,
+        handle=one.carried.turn,
+        clutch=np.ones(N, dtype=bool),
+    )
+    write_demonstration(path, done, 0, 0, "iiwa", PARAMETERS)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["path", "demonstration"])
+def test_every_frame_hangs_on_the_world(kind: str, request: pytest.FixtureRequest) -> None:
+    """Viewers draw nothing at all where one frame of a message is nowhere."""
+    log: Any = read_log(request.getfixturevalue(kind))
+    parents = {}
+    for topic in ("/tf", "/tf_static"):
+        parents |= dict(zip(log[topic].children, log[topic].parents, strict=True))
+    used = {channel.frame for channel in log.values() if hasattr(channel, "frame")}
+    assert used >= {"world", "left_pad", "right_pad"}
+    for name in (*used, *parents):
+        frame, steps = name, 0
+        while frame != "world":
+            frame, steps = parents[frame], steps + 1
+            assert steps <= len(parents), f"{name} hangs on itself"
+
+
+def test_a_demonstration_is_read_by_rerun_rosbags_and_the_core_reader(demonstration: Path) -> None:
+    file = demonstration.with_suffix(".rrd")
+    McapReader(demonstration).stream().write_rrd(file, application_id="clpv", recording_id="demo")
+    entities = {column.entity_path for column in RrdReader(file).store().schema().component_columns()}
+    assert entities >= set(read_log(demonstration))
+    with AnyReader([demonstration], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        found = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()]
+    with demonstration.open("rb") as stream:
+        reading = make_reader(stream, validate_crcs=True)
+        (attached,) = list(reading.iter_attachments())
+        assert len(found) == sum(1 for _ in reading.iter_messages())
+    assert attached.name == "parameters.json"
