@@ -1,4 +1,4 @@
-"""The console script ``clpv``: the generic verbs for the table of stages, the verbs named after stages, and report."""
+"""The console script ``clpv``: the generic verbs for the table of stages, those named after stages, those that show."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a recording holds, for people: `clpv info`."""
+"""For people who look: what a file holds (`clpv info`), and what happened in roll-outs (`clpv inspect`)."""

@@ -47,7 +47,9 @@ def inspect(
     if files:
         if len(names) > 1 or rollouts or points or save or sets or seed is not None:
             raise UsageError(f"{files[0]} is a file, and is shown as it is: leave out other names and options.")
-        _show(console, _recording(files[0]), {"file": files[0]}, serve=serve)
+        recording = _recording(files[0])
+        _check(serve=serve)
+        _show(console, recording, {"file": files[0]}, serve=serve)
         return
     target = None if save is None else _target(save, serve=serve)
     use_cache_for(project.package)  # before the imports below bring in compiled code
@@ -86,15 +88,15 @@ def left_out(
         known = [r.rollout for point in there for r in point.rollouts]
         if len(own) < len(known) and not rollouts:
             kept = {one.rollout.rollout for one in own}
-            other = next(one for one in known if one not in kept)
-            yield f"{name}: {len(own)} of {len(known)} roll-outs; others with --rollout, e.g. --rollout '{other}'."
+            other = next((one for one in known if one not in kept), "*")  # of several points, all names may be there
+            example = f"--rollout {shlex.quote(other)}"
+            yield f"{name}: {len(own)} of {len(known)} roll-outs; others with --rollout, e.g. {example}."
 
 
 def _show(console: Console, recording: Path, document: Mapping[str, Any], *, serve: bool) -> None:
     """Show a recording in a window or in a browser, until that is ended."""
     from stages.inspect import viewer
 
-    _check(serve=serve)
     with contextlib.suppress(KeyboardInterrupt):  # which is how one may leave it
         if not serve:
             viewer.open_window(recording, lambda: console.note("The viewer is open; close its window to go on."))

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from pipeline.project import Project
 from stages import STAGES
 from stages.figures.results import Results, read_results
 from stages.inspect import viewer
+from stages.inspect.command import left_out
 from stages.inspect.recording import write_recording
 from stages.inspect.relay import DIRECT
 from stages.inspect.shown import choose
@@ -219,3 +221,21 @@ def test_what_is_not_up_to_date_says_the_command_with_the_options_given(computed
         result = clpv(computed, *verb, *words)
         assert result.exit_code == 3
         assert "run 'clpv run quickstart --set dynamics.margin=0.002 --seed 3' first." in result.stderr
+
+
+def test_what_is_left_out_is_said(letters: Results) -> None:
+    point = letters.points[0]
+    other = replace(point, point=replace(point.point, id="other"))
+    sweep = replace(letters, points=(point, other))
+    (first, *_) = choose([letters], ("lpvds/none/4",), ())
+    (point_said, rollouts_said) = left_out([sweep], [first], (), ())
+    assert point_said == "quickstart: main, one of 2 points; others with --point."
+    assert rollouts_said == "quickstart: 1 of 32 roll-outs; others with --rollout, e.g. --rollout lpvds/none/5."
+    assert list(left_out([letters], [first], ("lpvds/none/4",), ())) == []
+    # Between them two points show every name, and yet not every roll-out.
+    half = len(point.rollouts) // 2
+    some = [replace(first, rollout=r) for r in point.rollouts[:half]]
+    some += [replace(first, point=other, rollout=r) for r in point.rollouts[half:]]
+    assert list(left_out([sweep], some, (), ("*",))) == [
+        "quickstart: 32 of 64 roll-outs; others with --rollout, e.g. --rollout '*'."
+    ]
