@@ -48,7 +48,7 @@ def inspect(
         if len(names) > 1 or rollouts or points or save or sets or seed is not None:
             raise UsageError(f"{files[0]} is a file, and is shown as it is: leave out other names and options.")
         recording = _recording(files[0])
-        _check(serve=serve)
+        _check(serve=serve, file=True)
         _show(console, recording, {"file": files[0]}, serve=serve)
         return
     target = None if save is None else _target(save, serve=serve)
@@ -108,13 +108,13 @@ def _show(console: Console, recording: Path, document: Mapping[str, Any], *, ser
             wait()
 
 
-def _check(*, serve: bool) -> None:
+def _check(*, serve: bool, file: bool = False) -> None:
     """Raise DataError where there is no viewer, UsageError where there is no display that it could open on."""
     from stages.inspect import viewer
 
     viewer.binary()
     if not serve:
-        viewer.check_display()
+        viewer.check_display(viewer.ELSEWHERE if file else viewer.SAVE)
 
 
 def _is_file(name: str, project: Project) -> bool:

@@ -33,7 +33,9 @@ WEB = 9090
 SOON = 1.0
 """Seconds after which a viewer that has not ended is there."""
 
+ELSEWHERE = "add --serve, which shows it in a browser, or open the file where there is one"
 SAVE = "add --save FILE.rrd and open the file where there is one, or --serve"
+"""What helps where there is no display, for a file and for an experiment."""
 
 
 def binary() -> Path:
@@ -50,10 +52,10 @@ def binary() -> Path:
     return Path(found)
 
 
-def check_display() -> None:
-    """Raise UsageError where there is no screen to open a window on."""
+def check_display(remedy: str = SAVE) -> None:
+    """Raise UsageError, with what helps, where there is no screen to open a window on."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise UsageError(f"There is no display to open the viewer on: {SAVE}.")
+        raise UsageError(f"There is no display to open the viewer on: {remedy}.")
 
 
 def open_window(recording: Path, opened: Callable[[], None]) -> None:
@@ -69,7 +71,9 @@ def open_window(recording: Path, opened: Callable[[], None]) -> None:
             opened()
         code = viewer.wait()
         if code != 0:
-            raise DataError("the viewer", f"ended with an error ({_reason(code, said)}): {SAVE}.")
+            raise DataError(
+                "the viewer", f"ended with an error ({_reason(code, said)}): look at the display, or add --serve."
+            )
 
 
 @contextlib.contextmanager

@@ -57,7 +57,11 @@ def test_a_file_is_written_and_the_next_command_said(
         (("quickstart", "--save", "folder.rrd"), 2, "folder.rrd is a folder: name a file in it"),
         (("none.mcap",), 2, "There is neither a file nor an experiment 'none.mcap'; 'clpv list' names them."),
         (("text.bag",), 2, "text.bag is no recording that rerun opens; 'clpv info text.bag' looks at it."),
-        (("seen.rrd",), 2, "There is no display to open the viewer on"),
+        (
+            ("seen.rrd",),
+            2,
+            "There is no display to open the viewer on: add --serve, which shows it in a browser, or open",
+        ),
         (("seen.rrd", "--save", "a.rrd"), 2, "seen.rrd is a file, and is shown as it is: leave out other names"),
         (("quickstart", "--save", "no/such/a.rrd"), 2, "--save no/such/a.rrd: there is no folder no/such; make it"),
         (("nothing", "--save", "a.rrd"), 2, "did you mean|There is no experiment"),
@@ -168,9 +172,13 @@ def test_a_window_says_when_it_is_there_and_why_it_is_not(tmp_path: Path, monkey
     monkeypatch.setattr(viewer, "SOON", 0.2)
     for script, opens, reason in (
         ("sleep 0.5", True, ""),
-        ("echo INFO loading >&2; echo 'Error: no display here' >&2; exit 1", False, r"\(no display here\): add --save"),
-        ("echo something >&2; exit 3", False, r"\(exit code 3\): add --save"),
-        ("kill -9 $$", False, r"\(signal 9\): add --save"),
+        (
+            "echo INFO loading >&2; echo 'Error: no display here' >&2; exit 1",
+            False,
+            r"\(no display here\): look at the display",
+        ),
+        ("echo something >&2; exit 3", False, r"\(exit code 3\): look at the display"),
+        ("kill -9 $$", False, r"\(signal 9\): look at the display"),
     ):
         program.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
         program.chmod(0o755)
